@@ -138,7 +138,7 @@ def compare(maker: ScanMaker, index: int) -> Row:
     seconds = process_time() - start
     points, weights, size = join_samples(likelihood)
     nested = run_nested(likelihood)
-    columns = [list_values(maker.prior, part) for part in (points, nested.tumours)]
+    columns = [list_values(maker.prior, part[:, None])[:, 0] for part in (points, nested.tumours)]
     picked = [0, 1, 2, 3, 5]
     distances = [compute_distance(columns[0][:, c], weights, columns[1][:, c], nested.weights) for c in picked]
     return {

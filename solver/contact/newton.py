@@ -21,7 +21,7 @@ from solver.contact.states import Equilibrium, Linearised, State
 
 RESIDUAL_TOLERANCE = 1e-9  # residual over forces, in equilibrium
 ROUNDING_RESIDUAL = 1e-7  # likewise, where rounding errors prevent a further decrease
-ROUNDING_FACTOR = 4.0  # largest residual by the rounding of positions over its estimate; 0.3 to 0.7 was seen
+ROUNDING_FACTOR = 4.0  # largest residual by the rounding of positions over its estimate; 0.3 to 2.4 was seen
 MAX_NEWTON_STEPS, MAX_HALVINGS = 14, 6
 MAX_OPENING_STEPS = 40  # where faces may open: the sets of touching and sliding points change between steps
 ROUNDS = ((1.0, 0.002),) * 8  # fraction of the penalty, and rounding in contact lengths
