@@ -54,8 +54,7 @@ def run_locate(
         Predicts readings under one load; default: the tables of the probe on the tissue.
     """
     conditions = ScanConditions.from_design(design)
-    given = read_scan(scan, design, conditions) if isinstance(scan, Path) else scan
-    readings = check_readings(given, design.scene, is_scan=True)
+    readings = read_scan(scan, design, conditions) if isinstance(scan, Path) else check_readings(scan, design.scene, is_scan=True)
     check_places(readings)
     data = ScanData.from_readings(readings, design, conditions)
     prior = TumourPrior.from_design(design, data.positions[~data.is_baseline])

@@ -27,9 +27,7 @@ MAX_OPENING_STEPS = 40  # where faces may open: the sets of touching and sliding
 ROUNDS = ((1.0, 0.002),) * 8  # fraction of the penalty, and rounding in contact lengths
 OPENING_ROUNDS = ((0.05, 0.04), (0.2, 0.01), (0.5, 0.002), *ROUNDS)  # likewise where faces may open
 MAX_PENETRATION_RELATIVE = 1e-3  # contact lengths: deeper penetration requires another round
-MAX_MISFIT_RELATIVE = (
-    1e-2  # likewise, where rounds lessen it no further: lines that slide on each other bend on edges of their own
-)
+MAX_MISFIT_RELATIVE = 1e-2  # likewise, where rounds lessen it no further: lines that slide bend on edges of their own
 MIN_DECREASE = 0.9  # of penetration from round to round; below it multipliers only wear a misfit of the lines down
 
 

@@ -168,8 +168,8 @@ def test_maps_number_presses_as_the_survey_s_table_does() -> None:
     assert axes.get_title().startswith("press 3: no tumour 0.")
 
 
-@pytest.mark.parametrize("told", [((1e-3,), 0.4), ((1e-3, 0.0), (0.4, 80.0, 3.0))])
-def test_tell_refuses_numbers_that_it_does_not_know(told: tuple[Any, Any]) -> None:
+@pytest.mark.parametrize("arguments", [((1e-3,), 0.4), ((1e-3, 0.0), (0.4, 80.0, 3.0))])
+def test_tell_refuses_numbers_that_it_does_not_know(arguments: tuple[Any, Any]) -> None:
     """A third number was left out silently."""
     with pytest.raises(InputError, match=r"a place \(x, y\)"):
-        Locator(design(1), model=StandInModel()).tell(*told)
+        Locator(design(1), model=StandInModel()).tell(*arguments)
