@@ -101,6 +101,7 @@ def compute_touch(
     blur: float = 0.0,
     *,
     grip: Grip | None = None,
+    expected: Floats | None = None,
 ) -> Touch:
     """Compute the gaps of a pair of lines, the contact forces and their tangent in a deformed state.
 
@@ -118,6 +119,8 @@ def compute_touch(
         Gap, m, over which the kink of eq. CT.3 is rounded; 0 at rest, where all that touches is closed.
     grip
         Friction history of the last load; None without friction.
+    expected
+        Pressures, Pa, shape (points,), with which the tangent takes the lines to turn; None: those of eq. CT.3.
 
     Raises
     ------
@@ -143,7 +146,8 @@ def compute_touch(
     force, normal, shear = pressure[active], zeros.copy(), zeros.copy()
     sliding, sliding_reversed = zeros.astype(int), False
     forces, penalty_stiffness = -force[:, None] * opening, (penalty * rising[active])[:, None]
-    stiffness = multiply_outer(penalty_stiffness * opening, opening) - force[:, None, None] * bending
+    turning = force if expected is None else expected[active]
+    stiffness = multiply_outer(penalty_stiffness * opening, opening) - turning[:, None, None] * bending
     normal[active] = footpoints.stretch * force
     if grip is not None:
         slip = np.nan_to_num((place - grip.place)[active])  # a point that the master did not reach before has no slip yet

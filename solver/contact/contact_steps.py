@@ -47,10 +47,9 @@ class NearPoints:
         """Return the points of a mask."""
         return NearPoints(self.trial[points], self.penalties[points], self.blurs[points])
 
-    @property
-    def pressure(self) -> Floats:
-        """Pressures before their gaps change, Pa, shape (points,)."""
-        return compute_pressure(self.trial, self.blurs)[0]
+    def compute_pressure(self, opening: Floats | float = 0.0) -> Floats:
+        """Return the pressures where gaps change by ``opening``, m, shape (points,)."""
+        return compute_pressure(self.trial - self.penalties * opening, self.blurs)[0]
 
     def compute_surplus(self, opening: Floats) -> tuple[Floats, Floats]:
         """Return q of eq. CT.14, Pa, where gaps change by ``opening``, m, shape (points,), and its derivative."""
@@ -59,59 +58,71 @@ class NearPoints:
         return then - now + self.penalties * rising_now * opening, self.penalties * (rising_now - rising)
 
 
-def correct_step(model: ContactModel, state: State, equations: Linearised, step: Floats) -> Floats:
-    """Return a Newton step, shape (unknowns,), corrected by eq. CT.14; as it is where the correction is not found.
+def correct_step(model: ContactModel, state: State, equations: Linearised, step: Floats) -> tuple[Floats, tuple[Floats, ...]]:
+    """Correct a Newton step, shape (unknowns,), by eq. CT.14, and return with it each pair's pressures at its end, Pa.
 
-    The equations have their factor; no face slides or opens.
+    Where no correction is found the step remains as it is. The equations have their factor; no face slides or opens.
     """
     assert equations.factor is not None
-    neighbours = _find_near(model, state, equations, REACH_FACTOR * float(np.abs(step).max()))
-    if neighbours is None:
-        return step
-    points, weights, gradients = neighbours
-    opening = gradients @ step
+    points, weights, gradients, close = _find_near(model, state, equations, REACH_FACTOR * float(np.abs(step).max()))
+    opening, pressures = gradients @ step, tuple(np.zeros(pair.points) for pair in model.pairs)
+    moves = _find_correction(equations, points, weights, gradients, opening) if len(opening) else None
+    if moves is not None:
+        step, opening = step + moves, opening + gradients @ moves
+    ends = np.cumsum([np.count_nonzero(mask) for mask in close])[:-1]
+    for pressure, mask, values in zip(pressures, close, np.split(points.compute_pressure(opening), ends), strict=True):
+        pressure[mask] = values
+    return step, pressures
+
+
+def _find_correction(
+    equations: Linearised, points: NearPoints, weights: Floats, gradients: Any, opening: Floats
+) -> Floats | None:
+    """Return what eq. CT.14 adds to a step that opens the gaps by ``opening``; None for nothing, or if it is not found.
+
+    The other parameters are those of ``_find_near``.
+    """
+    assert equations.factor is not None
     surplus = np.abs(points.compute_surplus(opening)[0])
-    pressure = points.pressure
+    pressure = points.compute_pressure()
     negligible = NEGLIGIBLE_RELATIVE * max(float(pressure.max()), float(surplus.max()))
     if not np.any(surplus > negligible):
-        return step
+        return None
     chosen = (surplus > negligible) | (pressure > 0)
     for _ in range(MAX_PASSES):
         moves = equations.factor.solve(np.ascontiguousarray(gradients[chosen].T.toarray() * weights[chosen]))
         compliance = gradients @ moves
         solution = _solve_surplus(points.select(chosen), opening[chosen], compliance[chosen])
         if solution is None:
-            return step
+            return None
         missed = (np.abs(points.compute_surplus(opening + compliance @ solution)[0]) > negligible) & ~chosen
         if not np.any(missed):
-            return np.asarray(step + moves @ solution)
+            return np.asarray(moves @ solution)
         chosen |= missed
-    return step
+    return None
 
 
-def _find_near(model: ContactModel, state: State, equations: Linearised, reach: float) -> tuple[NearPoints, Floats, Any] | None:
-    """Return the points that touch or may do so if gaps change by up to ``reach``, m; None if none can cross its kink.
+def _find_near(
+    model: ContactModel, state: State, equations: Linearised, reach: float
+) -> tuple[NearPoints, Floats, Any, list[Bools]]:
+    """Return the points that touch or may do so if gaps change by up to ``reach``, m.
 
-    After the points come W of eq. CT.14, m^2, and G, sparse, shape (points, unknowns).
+    After them come W of eq. CT.14, m^2, G, sparse, shape (points, unknowns), and the mask of the points of each pair.
     """
-    rows, gradients, crossing, (n, width, _) = list[tuple[Floats, ...]](), [], False, model.lift.shape
+    rows, gradients, close, (n, width, _) = list[tuple[Floats, ...]](), [], list[Bools](), model.lift.shape
     for pair, touch, multiplier, blur in zip(
         model.pairs, equations.touches, state.multipliers, model.compute_blurs(state), strict=True
     ):
         penalty = state.penalty_fraction * pair.penalty
-        trial, bound = multiplier - penalty * touch.gap, penalty * (reach + blur)
-        close = trial > -bound
-        count = int(close.sum())
-        if not count:
-            continue
-        crossing |= bool(np.any(trial[close] < bound))
-        ones = np.ones(count)
-        rows.append((trial[close], penalty * ones, penalty * blur * ones, pair.weights[close]))
-        gradients.append(touch.feet.select_points(close).assemble_gradients(width, n * width))
-    if not crossing:
-        return None
+        trial = multiplier - penalty * touch.gap
+        close.append(trial > -penalty * (reach + blur))
+        ones = np.ones(np.count_nonzero(close[-1]))
+        rows.append((trial[close[-1]], penalty * ones, penalty * blur * ones, pair.weights[close[-1]]))
+        if len(ones):
+            gradients.append(touch.feet.select_points(close[-1]).assemble_gradients(width, n * width))
     trials, penalties, blurs, weights = (np.concatenate(parts) for parts in zip(*rows, strict=True))
-    return NearPoints(trials, penalties, blurs), weights, sp.vstack(gradients, format="csr") @ model.numbering.gather
+    G = sp.vstack(gradients, format="csr") @ model.numbering.gather if gradients else np.zeros((0, model.numbering.unknowns))
+    return NearPoints(trials, penalties, blurs), weights, G, close
 
 
 def _solve_surplus(points: NearPoints, opening: Floats, compliance: Floats) -> Floats | None:

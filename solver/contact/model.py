@@ -192,10 +192,10 @@ class ContactModel:
             A line folds over.
         """
         displacements = self.compute_displacements(state.v, state.indentation)
-        rows = zip(self.pairs, state.multipliers, self.compute_blurs(state), state.grips, strict=True)
-        return tuple(
-            compute_touch(pair, displacements, m, state.penalty_fraction, blur, grip=grip) for pair, m, blur, grip in rows
-        )
+        expected = state.expected or (None,) * len(self.pairs)
+        rows = zip(self.pairs, state.multipliers, self.compute_blurs(state), state.grips, expected, strict=True)
+        share = state.penalty_fraction
+        return tuple(compute_touch(pair, displacements, m, share, blur, grip=g, expected=p) for pair, m, blur, g, p in rows)
 
     def linearise(self, state: State, known: Linearised | None = None, *, keep_tangent: bool = False) -> Linearised:
         """Linearise about a state; ``known`` gives the elements' part if only contact has changed.

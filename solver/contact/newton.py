@@ -1,7 +1,12 @@
 """Find equilibrium at one indentation: Newton's method within rounds of multipliers (augmented Lagrangians).
 
-Its steps foresee which points touch at their end (``contact_steps``). Where faces may open they do not: far from equilibrium a
-stiff penalty makes Newton's method diverge there. The first rounds are then soft, and their kink is rounded widely: points exert
+Its steps foresee which points touch at their end, and with what pressure (``contact_steps``). That pressure, not the one of the
+gaps there, turns with the lines in the next tangent: it is as if the pressures were unknowns of Newton's method. The gaps differ
+from those foreseen by the step squared, which a stiff penalty multiplies: with the pressures of these gaps steps are wrong, and
+the residual tells nothing of their worth. Steps are therefore taken whole.
+
+Where faces may open nothing is foreseen: far from equilibrium a stiff penalty makes Newton's method diverge there. Steps are
+halved until the residual falls, and the first rounds are soft, with a kink that is rounded widely: points exert
 pressure before they touch. Their multipliers carry the contact pressure in the last round, where the penalty has little effect.
 """
 
@@ -23,6 +28,7 @@ RESIDUAL_TOLERANCE = 1e-9  # residual over forces, in equilibrium
 ROUNDING_RESIDUAL = 1e-7  # likewise, where rounding errors prevent a further decrease
 ROUNDING_FACTOR = 4.0  # largest residual by the rounding of positions over its estimate; 0.3 to 2.4 was seen
 MAX_NEWTON_STEPS, MAX_HALVINGS = 14, 6
+MAX_STRAYING_STEPS = 3  # longer than one before them, where faces cannot open: few paths that strayed more converged
 MAX_OPENING_STEPS = 40  # where faces may open: the sets of touching and sliding points change between steps
 ROUNDS = ((1.0, 0.002),) * 8  # fraction of the penalty, and rounding in contact lengths
 OPENING_ROUNDS = ((0.05, 0.04), (0.2, 0.01), (0.5, 0.002), *ROUNDS)  # likewise where faces may open
@@ -44,10 +50,14 @@ def solve(model: ContactModel, start: State) -> Equilibrium:
     check_volume(model.elements, start.elements)
     state, equations, residuals, deepest = start, None, list[float](), float("inf")
     for penalty_fraction, blur in OPENING_ROUNDS if model.may_open else ROUNDS:
-        state = replace(state, penalty_fraction=penalty_fraction, blur=blur)
+        expected = None if model.may_open else state.multipliers
+        state = replace(state, penalty_fraction=penalty_fraction, blur=blur, expected=expected)
         equations = model.linearise(state, equations)  # a new round changes contact alone, not the elements' part
         state, equations, round_residuals = _iterate_newton(model, state, equations)
         residuals += round_residuals
+        if state.expected is not None and equations.has_contact:  # the tangent with the pressures of the gaps
+            state = replace(state, expected=None)
+            equations = model.linearise(state, equations)
         is_misfit = equations.deepest > MIN_DECREASE * deepest
         max_penetration, deepest = MAX_MISFIT_RELATIVE if is_misfit else MAX_PENETRATION_RELATIVE, equations.deepest
         if not equations.has_contact or (penalty_fraction == 1 and deepest <= max_penetration):
@@ -75,23 +85,27 @@ def _iterate_newton(model: ContactModel, state: State, equations: Linearised) ->
 
     ``equations`` are those about the state to start from.
     """
-    residuals: list[float] = []
+    residuals, sizes, strayed = list[float](), list[float](), 0
     while equations.has_sliding_reversal or (
         equations.relative_residual > RESIDUAL_TOLERANCE
         and not _has_stalled(residuals, max(ROUNDING_RESIDUAL, _estimate_rounding(model, state, equations)))
     ):
         check_time("pressing")
-        if len(residuals) == (MAX_OPENING_STEPS if model.may_open else MAX_NEWTON_STEPS):
+        if len(residuals) == (MAX_OPENING_STEPS if model.may_open else MAX_NEWTON_STEPS) or strayed == MAX_STRAYING_STEPS:
             raise SolveError("Newton's method does not converge")
         equations = model.factorise_tangent(equations)
         assert equations.factor is not None
         step = -equations.factor.solve(np.ascontiguousarray(equations.residual[:, None]))[:, 0]
         if not np.all(np.isfinite(step)):
             raise SolveError("the equations cannot be solved")
-        if not model.may_open:
-            step = correct_step(model, state, equations, step)
-        state, equations = _take_step(model, state, equations, step)
-        state = _store_sliding(state, equations)
+        if model.may_open:
+            state, equations = _take_step(model, state, equations, step)
+            state = _store_sliding(state, equations)
+        else:
+            step, pressures = correct_step(model, state, equations, step)
+            sizes.append(float(np.abs(step).max()))
+            strayed += sizes[-1] > min(sizes)
+            state, equations = _take_expected_step(model, state, equations, step, pressures)
         residuals.append(equations.relative_residual)
     return state, equations, residuals
 
@@ -111,6 +125,20 @@ def _estimate_rounding(model: ContactModel, state: State, equations: Linearised)
 def _has_stalled(residuals: Sequence[float], rounding: float) -> bool:
     """Return whether the residuals no longer fall and are at most ``rounding``, the level of rounding errors."""
     return len(residuals) > 1 and residuals[-1] <= rounding and residuals[-1] > residuals[-2] / 2
+
+
+def _take_expected_step(
+    model: ContactModel, state: State, equations: Linearised, step: Floats, pressures: tuple[Floats, ...]
+) -> tuple[State, Linearised]:
+    """Take a Newton step that leads to given pressures, halved until no element folds over."""
+    for step_fraction in 0.5 ** np.arange(MAX_HALVINGS):
+        next_state = model.move(state, equations, step, step_fraction)
+        if model.elements.compute_min_volume_ratio(next_state.elements.u) > 0:
+            before = state.expected or pressures
+            expected = tuple((1 - step_fraction) * a + step_fraction * b for a, b in zip(before, pressures, strict=True))
+            next_state = replace(next_state, expected=expected)
+            return next_state, model.linearise(next_state)
+    raise SolveError("an element folds over")
 
 
 def _take_step(model: ContactModel, state: State, equations: Linearised, step: Floats) -> tuple[State, Linearised]:

@@ -221,12 +221,12 @@ class Path:
         return point
 
     def _solve_point(self, indentation: float) -> PathPoint:
-        """Solve at an indentation from the extrapolated state or, where faces may open, also from the state before it."""
+        """Solve at an indentation from the extrapolated state; if faces may open, or between points, also from one before it."""
         try:
             return self._build_point(solve(self.model, self._extrapolate(indentation)))
         except SolveError:
-            if not self.model.may_open:
-                raise
+            if not self.model.may_open and indentation > self.last.indentation:
+                raise  # a shorter step is tried
         # neighbours may differ in what touches and slides: one alone is sometimes the better start
         return self._build_point(solve(self.model, self._follow_tangent(self._find_state_before(indentation), indentation)))
 

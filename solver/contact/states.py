@@ -35,6 +35,8 @@ class State:
         Fraction of the pairs' penalties that is used.
     blur
         Rounding of the contact's kink, in contact lengths.
+    expected
+        Pressures at each pair's points that a step of Newton's method led to, Pa, for the tangent; see ``newton.py``.
     """
 
     indentation: float
@@ -44,6 +46,7 @@ class State:
     grips: tuple[Grip | None, ...]
     penalty_fraction: float = 1.0
     blur: float = 0.0
+    expected: tuple[Floats, ...] | None = None
 
 
 @dataclass(frozen=True)

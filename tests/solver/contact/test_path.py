@@ -153,7 +153,7 @@ def test_a_corrected_step_solves_with_the_pressures_at_its_end() -> None:
     equations = model.factorise_tangent(model.linearise(state))
     assert equations.factor is not None
     step = -equations.factor.solve(equations.residual[:, None])[:, 0]
-    corrected = correct_step(model, state, equations, step)
+    corrected, expected = correct_step(model, state, equations, step)
     assert np.linalg.norm(corrected - step) > 0.02 * np.linalg.norm(step)
     gaps = np.concatenate([touch.gap for touch in equations.touches])
     reached = gaps < path.radius
@@ -177,6 +177,7 @@ def test_a_corrected_step_solves_with_the_pressures_at_its_end() -> None:
     opening, trial = differentiate_gaps(corrected), multipliers - penalties * gaps[reached]
     (now, rising), (then, _) = (compute_pressure(x, blurs) for x in (trial, trial - penalties * opening))
     assert np.any((now > 0) != (then > 0))
+    np.testing.assert_allclose(np.concatenate(expected)[reached], then, atol=1e-6 * then.max())
     surplus = weights * (then - now + penalties * rising * opening)
     forces = model.assembly.assemble_tangent(equations.stiffness, equations.contact_stiffness) @ corrected + equations.residual
     for direction in np.random.default_rng(7).standard_normal((5, len(step))):
