@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -63,7 +64,16 @@ class Assembly:
         rows, starts = (x.astype(np.int32) for x in (all_keys % n, np.searchsorted(all_keys, np.arange(n + 1) * n)))
         return cls(numbering, all_keys, np.searchsorted(all_keys, element_keys), rows, starts, Pattern())
 
-    def assemble_tangent(self, stiffness: Floats, contact: sp.csr_array | None) -> sp.csc_array:
+    @cached_property
+    def value_unknowns(self) -> tuple[Ints, Floats]:
+        """The unknown of each of the elements' values, -1 where it is fixed, and its sign, shape (n (8 p),) each."""
+        gather = self.numbering.gather
+        free = np.diff(gather.indptr) > 0
+        unknowns, signs = np.full(len(free), -1), np.zeros(len(free))
+        unknowns[free], signs[free] = gather.indices, gather.data
+        return unknowns, signs
+
+    def assemble_tangent(self, stiffness: Floats, contact: sp.coo_array | None) -> sp.csc_array:
         """Return the tangent matrix on the unknowns, sparse by columns: the elements' stiffness plus that of contact.
 
         Parameters
@@ -76,10 +86,18 @@ class Assembly:
         n, data = self.numbering.unknowns, np.zeros(len(self.keys))
         data[self.places] = self.numbering.assemble(stiffness).data
         if contact is not None:
-            entries = sp.coo_array(self.numbering.scatter @ contact @ self.numbering.gather)
-            rows, columns = (index.astype(np.int64) for index in entries.coords)
-            data[np.searchsorted(self.keys, columns * n + rows)] += entries.data  # a product holds every entry once
+            unknowns, signs = self.value_unknowns
+            free = np.all([unknowns[index] >= 0 for index in contact.coords], axis=0)
+            rows, columns = (index[free] for index in contact.coords)
+            places = np.searchsorted(self.keys, unknowns[columns] * n + unknowns[rows])
+            np.add.at(data, places, signs[rows] * signs[columns] * contact.data[free])
         return sp.csc_array((data, self.rows, self.starts), shape=(n, n))
+
+
+def join_entries(parts: Sequence[sp.coo_array]) -> sp.coo_array:
+    """Return the sum of sparse matrices of one shape as a list of all their entries."""
+    coords = tuple(np.concatenate(index) for index in zip(*(part.coords for part in parts), strict=True))
+    return sp.coo_array((np.concatenate([part.data for part in parts]), coords), shape=parts[0].shape)
 
 
 def _find_unknowns(numbering: Numbering, pair: Pair) -> Ints:

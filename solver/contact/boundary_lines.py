@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -69,12 +70,12 @@ class BoundaryLine:
         """Polynomial degree along each edge."""
         return int(self.place.shape[-1]) - 1
 
-    @property
+    @cached_property
     def lengths(self) -> Floats:
         """Lengths of the undeformed edges, m, shape (k,)."""
         return np.asarray(np.linalg.norm(self.place[:, :, 1] - self.place[:, :, 0], axis=1))
 
-    @property
+    @cached_property
     def starts(self) -> Floats:
         """Positions of the edges' first ends on the undeformed line, and of its end, m from its start, shape (k + 1,)."""
         return np.append(0.0, np.cumsum(self.lengths))
@@ -201,8 +202,16 @@ def evaluate_functions(x: Floats, order: int) -> tuple[Floats, Floats, Floats]:
     ``x`` are positions on the edge, from 0 to 1, of any shape.
     """
     value, derivative, bend = _tabulate_powers(order)
-    powers = np.vander(x, order + 1, increasing=True)
+    powers = np.ones((*np.shape(x), order + 1))
+    for k in range(order):
+        powers[..., k + 1] = powers[..., k] * x
     return powers @ value, powers @ derivative, powers @ bend
+
+
+@keep_table
+def tabulate_slopes(order: int) -> Floats:
+    """Return the derivatives of an edge's functions of order p at its two ends, shape (2, p + 1)."""
+    return evaluate_functions(np.array([0.0, 1.0]), order)[1]
 
 
 @keep_table

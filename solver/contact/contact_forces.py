@@ -76,7 +76,7 @@ class Touch:
     feet: PointGaps
     pressure: Floats
     forces: Floats
-    stiffness: sp.csr_array | None
+    stiffness: sp.coo_array | None
     grip: Grip
     normal: Floats
     max_violation: float = 0.0

@@ -13,12 +13,10 @@ small dense system, solved by Newton's method.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
-from geometry.common.arrays import Bools, Floats
+from geometry.common.arrays import Bools, Floats, Ints
 from solver.contact.contact_forces import compute_pressure
 from solver.contact.model import ContactModel
 from solver.contact.states import Linearised, State
@@ -76,7 +74,7 @@ def correct_step(model: ContactModel, state: State, equations: Linearised, step:
 
 
 def _find_correction(
-    equations: Linearised, points: NearPoints, weights: Floats, gradients: Any, opening: Floats
+    equations: Linearised, points: NearPoints, weights: Floats, gradients: Floats, opening: Floats
 ) -> Floats | None:
     """Return what eq. CT.14 adds to a step that opens the gaps by ``opening``; None for nothing, or if it is not found.
 
@@ -90,7 +88,7 @@ def _find_correction(
         return None
     chosen = (surplus > negligible) | (pressure > 0)
     for _ in range(MAX_PASSES):
-        moves = equations.factor.solve(np.ascontiguousarray(gradients[chosen].T.toarray() * weights[chosen]))
+        moves = equations.factor.solve(np.ascontiguousarray(gradients[chosen].T * weights[chosen]))
         compliance = gradients @ moves
         solution = _solve_surplus(points.select(chosen), opening[chosen], compliance[chosen])
         if solution is None:
@@ -104,12 +102,12 @@ def _find_correction(
 
 def _find_near(
     model: ContactModel, state: State, equations: Linearised, reach: float
-) -> tuple[NearPoints, Floats, Any, list[Bools]]:
+) -> tuple[NearPoints, Floats, Floats, list[Bools]]:
     """Return the points that touch or may do so if gaps change by up to ``reach``, m.
 
-    After them come W of eq. CT.14, m^2, G, sparse, shape (points, unknowns), and the mask of the points of each pair.
+    After them come W of eq. CT.14, m^2, G, shape (points, unknowns), and the mask of the points of each pair.
     """
-    rows, gradients, close, (n, width, _) = list[tuple[Floats, ...]](), [], list[Bools](), model.lift.shape
+    rows, gradients, close = list[tuple[Floats, ...]](), [np.zeros((0, model.numbering.unknowns))], list[Bools]()
     for pair, touch, multiplier, blur in zip(
         model.pairs, equations.touches, state.multipliers, model.compute_blurs(state), strict=True
     ):
@@ -119,10 +117,17 @@ def _find_near(
         ones = np.ones(np.count_nonzero(close[-1]))
         rows.append((trial[close[-1]], penalty * ones, penalty * blur * ones, pair.weights[close[-1]]))
         if len(ones):
-            gradients.append(touch.feet.select_points(close[-1]).assemble_gradients(width, n * width))
+            gradients.append(_spread_gradients(model, *touch.feet.select_points(close[-1]).list_gradients(model.lift.shape[1])))
     trials, penalties, blurs, weights = (np.concatenate(parts) for parts in zip(*rows, strict=True))
-    G = sp.vstack(gradients, format="csr") @ model.numbering.gather if gradients else np.zeros((0, model.numbering.unknowns))
-    return NearPoints(trials, penalties, blurs), weights, G, close
+    return NearPoints(trials, penalties, blurs), weights, np.concatenate(gradients), close
+
+
+def _spread_gradients(model: ContactModel, index: Ints, gradients: Floats) -> Floats:
+    """Return derivatives with respect to the unknowns, (j, unknowns), from those of ``Footpoints.list_gradients``."""
+    unknowns, signs = model.assembly.value_unknowns
+    out = np.zeros((len(index), model.numbering.unknowns + 1))  # the last column is of fixed values, number -1
+    np.add.at(out, (np.arange(len(index))[:, None], unknowns[index]), signs[index] * gradients)
+    return out[:, :-1]
 
 
 def _solve_surplus(points: NearPoints, opening: Floats, compliance: Floats) -> Floats | None:

@@ -15,12 +15,13 @@ from functools import cached_property
 
 from geometry.common.errors import SolveError
 from geometry.meridian.mesh_lines import MeridianFineness
-from solver.contact.path import FIRST_STEP_RELATIVE, Path
+from solver.contact.path import FIRST_STEP_RELATIVE, MAX_STEP_RELATIVE, Path
 
 CORNER_FINENESS = MeridianFineness(1, 1, 2)
 # of the first contact point's distance at rest. Fine corners touch between 0.06 and 0.1 outer radii; there coarse ones are at
 # 0.2 to 0.8 of it, 0.5 at 0.1 on the order-three mesh
 NEAR_WALL_RELATIVE = 0.5
+NEARLY_RELATIVE = 0.95  # of the indentation: what is missing then adds a few per cent to the bounds
 FORCE_MARGIN = 1e-3  # relative: points at a force lie this close to it, on either side
 
 
@@ -51,9 +52,10 @@ class CornerCheck:
         if self._ends and indentation > self._ends[0]:
             return self._ends[0]
         with suppress(SolveError):
-            for _ in path.iterate_steps(indentation):
-                if path.length < FIRST_STEP_RELATIVE * path.unit:
-                    break  # few more converge, each after many that fail
+            for point in path.iterate_steps(indentation):
+                nearly = point.indentation > NEARLY_RELATIVE * indentation
+                if path.length < (0.5 * MAX_STEP_RELATIVE * path.radius if nearly else FIRST_STEP_RELATIVE * path.unit):
+                    break  # few more converge, each after some that fail
             else:
                 path.press_to_indentation(indentation)
         reached = min(indentation, path.last.indentation)

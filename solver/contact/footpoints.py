@@ -23,8 +23,10 @@ class PointGaps:
         g of eq. CT.2, m, infinite where the master does not reach, shape (points,).
     place
         Position on the undeformed master line, m from its start; not a number where the master does not reach.
-    pair, displacements
-        The two lines, and the displacements on the elements' corners and edges, m, shape (n, 8 p).
+    pair
+        The two lines.
+    heights
+        Coefficients of the deformed master's edges for t and for s, m, shape (k, p + 1) each.
     master_points
         Points of the master line opposite those slave points that it reaches, in their order.
     inside
@@ -34,7 +36,7 @@ class PointGaps:
     """
 
     pair: Pair
-    displacements: Floats
+    heights: tuple[Floats, Floats]
     gap: Floats
     place: Floats
     master_points: LinePoints
@@ -65,7 +67,7 @@ class PointGaps:
         )
         kinks = Kinks.from_points(pair, (mt, ms), master_points.edge, t[inside])
         gap[inside] = pair.sign * (height + kinks.heights - s[inside])
-        return cls(pair, displacements, gap, place, master_points, inside, kinks)
+        return cls(pair, (mt, ms), gap, place, master_points, inside, kinks)
 
     def select_points(self, active: Bools) -> Footpoints:
         """Return the active points as footpoints; ``active`` is a mask, (points,), of points that the master reaches."""
@@ -74,7 +76,7 @@ class PointGaps:
         value, derivative, bend = (
             x[selection] for x in (self.master_points.value, self.master_points.derivative, self.master_points.bend)
         )
-        mt, ms = np.einsum("ac,kcp->akp", pair.axes, pair.master.compute_positions(self.displacements))
+        mt, ms = self.heights
         rise, run = (np.einsum("jp,jp->j", derivative, x[master_edges]) for x in (ms, mt))
         length = pair.master.lengths[master_edges]
         _, tilt, curve = pair.master_edge.compute_removed_height(self.place[active])
@@ -191,7 +193,7 @@ class Footpoints:
         bend = (self.run * self.curl)[:, None, None] * multiply_outer(place_change, place_change)
         return np.asarray(multiply_symmetric(place_change, turn) + bend)
 
-    def assemble(self, forces: Floats, stiffness: Floats, width: int, size: int) -> tuple[Floats, sp.csr_array]:
+    def assemble(self, forces: Floats, stiffness: Floats, width: int, size: int) -> tuple[Floats, sp.coo_array]:
         """Assemble the points' forces and stiffness into those on all elements' values.
 
         Parameters
@@ -203,20 +205,22 @@ class Footpoints:
 
         Returns
         -------
-        tuple[Floats, sp.csr_array]
-            Forces, shape (size,), and stiffness, sparse, (size, size).
+        tuple[Floats, sp.coo_array]
+            Forces, shape (size,), and stiffness, sparse, (size, size), whose entries add up.
         """
         index, signs = self._find_indices(width)
         pulls = np.asarray(np.bincount(index.ravel(), weights=(signs * forces).ravel(), minlength=size), dtype=float)
-        rows, columns = np.broadcast_arrays(index[:, :, None], index[:, None, :])
+        rows, columns = np.repeat(index, index.shape[1], axis=1), np.tile(index, index.shape[1])
         values = (stiffness * multiply_outer(signs, signs)).ravel()
-        return pulls, sp.csr_array(sp.coo_array((values, (rows.ravel(), columns.ravel())), shape=(size, size)))
+        return pulls, sp.coo_array((values, (rows.ravel(), columns.ravel())), shape=(size, size))
 
-    def assemble_gradients(self, width: int, size: int) -> sp.csr_array:
-        """Return the first derivatives of the gap with respect to all elements' values, (j, size); see ``assemble``."""
+    def list_gradients(self, width: int) -> tuple[Ints, Floats]:
+        """Return the indices of values among all elements' values, and the derivatives of the gap with respect to them, (j, m).
+
+        ``width`` is the number of values of one element; an index may occur twice.
+        """
         index, signs = self._find_indices(width)
-        starts = np.arange(0, index.size + 1, index.shape[1])
-        return sp.csr_array(((signs * self.differentiate_gap()[0]).ravel(), index.ravel(), starts), shape=(len(index), size))
+        return index, signs * self.differentiate_gap()[0]
 
     def _find_indices(self, width: int) -> tuple[Ints, Floats]:
         """Return the indices of the values of ``differentiate_gap`` among all elements' values, and their signs, (j, m) each.

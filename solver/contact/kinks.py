@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats, Ints
-from solver.contact.boundary_lines import evaluate_functions, join_edges, multiply_symmetric
+from solver.contact.boundary_lines import join_edges, multiply_symmetric, tabulate_slopes
 from solver.contact.pairs import Pair
 
 # w, of the shorter element: forces change by less than 1e-5 up to 0.37 and by 1.3e-4 at 0.45 outer radii, half of what two meshes
@@ -73,7 +73,7 @@ class Kinks:
         neighbours = np.where(rounded, neighbours, edges)
         widths = KINK_WIDTH_RELATIVE * np.minimum(line.lengths[edges], line.lengths[neighbours])
         depths = np.where(rounded, np.maximum(widths - np.minimum(below, above), 0.0), 0.0)
-        derivatives, first_end = evaluate_functions(np.array([0.0, 1.0]), line.order)[1], np.where(sides > 0, 0, 1)
+        derivatives, first_end = tabulate_slopes(line.order), np.where(sides > 0, 0, 1)
         ends = ((edges, first_end), (neighbours, 1 - first_end))
         runs, rises = (np.stack([np.einsum("jp,jp->j", derivatives[end], m[edge]) for edge, end in ends]) for m in (mt, ms))
         return cls(pair, neighbours, sides, depths, widths, rises / runs, runs)
@@ -107,7 +107,7 @@ class Kinks:
         """
         T, S = self.pair.axes
         order = self.pair.master.order
-        end_derivatives, first_end = evaluate_functions(np.array([0.0, 1.0]), order)[1], np.where(self.sides > 0, 0, 1)
+        end_derivatives, first_end = tabulate_slopes(order), np.where(self.sides > 0, 0, 1)
         zeros, end_functions = np.zeros((len(on_slave), 2, order + 1)), np.eye(2, order + 1)  # functions 0 and 1: the two ends
         sides, depths, widths, changes = (x[:, None] for x in (self.sides, self.depths, self.widths, self.changes))
         deeper = sides * join_edges(-_spread(T, on_slave), _spread(T, end_functions[first_end]), zeros)  # of y

@@ -16,7 +16,7 @@ from geometry.scenes.probe import Interface
 from solver.axisymmetric.base_states import Materials
 from solver.axisymmetric.dofs import Numbering, number_unknowns
 from solver.axisymmetric.film_states import CHARGE_UNIT, Films, build_film_lift
-from solver.contact.assembly import Assembly
+from solver.contact.assembly import Assembly, join_entries
 from solver.contact.contact_forces import FRICTION_SPRING_RELATIVE, Touch, compute_touch
 from solver.contact.elements import Elements, ElementValues
 from solver.contact.pairs import Pair, compute_contact_length, find_pairs
@@ -229,7 +229,7 @@ class ContactModel:
             deepest=max((touch.max_violation / x for touch, x in zip(touches, lengths, strict=True) if x > 0), default=0.0),
             elimination=elimination,
             stiffness=stiffness,
-            contact_stiffness=sum(stiffnesses[1:], stiffnesses[0]) if stiffnesses else None,
+            contact_stiffness=join_entries(stiffnesses) if stiffnesses else None,
             factor=known.factor if known is not None and keep_tangent else None,
         )
 

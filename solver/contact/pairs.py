@@ -125,7 +125,7 @@ class Pair:
         """Whether the lines touch at rest or separate smoothly, so that penetration matters at any load."""
         return self.loose or self.slave_edge.radius > 0 or self.master_edge.radius > 0
 
-    @property
+    @cached_property
     def gauss(self) -> tuple[Floats, Floats]:
         """Weights, (g,), and edge functions, (g, p + 1), at the g Gauss points of an edge of the slave."""
         return tabulate_gauss(self.slave.order, self.points_per_edge)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import inf
 
 import numpy as np
 
@@ -127,8 +128,12 @@ class Path:
         """The deepest point computed."""
         return self.points[-1]
 
-    def iterate_steps(self, until: float) -> Iterator[PathPoint]:
-        """Press to the indentation ``until``, m, and yield each point on the way.
+    def reaches(self, force: float) -> bool:
+        """Return whether the path goes as far as a force, N."""
+        return self.last.force >= force * (1 - FORCE_TOLERANCE_RELATIVE)
+
+    def iterate_steps(self, until: float, force: float = inf) -> Iterator[PathPoint]:
+        """Press to the indentation ``until``, m, or to a force, N, if that is reached before; yield each point on the way.
 
         Raises
         ------
@@ -137,10 +142,11 @@ class Path:
         LimitReached
             The time limit is reached.
         """
-        while self.last.indentation < until * (1 - 1e-12):
-            next_indentation = self.last.indentation + self.length
+        while self.last.indentation < until * (1 - 1e-12) and not self.reaches(force):
+            advance = self.length if force == inf else min(self.length, self._estimate_advance(force))
+            next_indentation = self.last.indentation + advance
             # no very short last step: one that would leave less than 0.3 of a step goes all the way
-            yield self._take_step(until if next_indentation > until - 0.3 * self.length else next_indentation)
+            yield self._take_step(until if next_indentation > until - 0.3 * advance else next_indentation)
 
     def press_to_indentation(self, indentation: float) -> PathPoint:
         """Press to an indentation, m, or between points that were computed before, and return the point there.
@@ -155,10 +161,10 @@ class Path:
     def press_to_force(self, force: float) -> PathPoint:
         """Press to a force, N, and return the point there; for errors see ``iterate_steps`` and ``insert``.
 
-        The path is pressed beyond the force first; points are then inserted until one is so near that the rest is linear.
+        The path is pressed to the force or beyond it; points are then inserted until one is so near that the rest is linear.
         """
-        while self.last.force < force * (1 - FORCE_TOLERANCE_RELATIVE):
-            self._take_step(self.last.indentation + min(self.length, self._estimate_advance(force)))
+        for _ in self.iterate_steps(inf, force):
+            pass
         for _ in range(MAX_FORCE_STEPS):
             nearest = min(self.points, key=lambda point: abs(point.force - force))
             remainder = self._estimate_advance(force)

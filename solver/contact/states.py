@@ -83,7 +83,7 @@ class Linearised:
     deepest: float
     elimination: Elimination
     stiffness: Floats
-    contact_stiffness: sp.csr_array | None
+    contact_stiffness: sp.coo_array | None
     factor: Factor | None = None
 
     @property

@@ -138,12 +138,12 @@ class TissueUnderLoad:
         """Refuse a force, N, that indents deeper than ``MAX_X``; ``margin`` is what it is more than what is asked for."""
         path = self.loaded.paths[0]
         deepest = MAX_X * path.radius
-        if path.last.force >= force or any(map(self._is_closed, path.points)):
+        if path.reaches(force) or any(map(self._is_closed, path.points)):
             return
         light_limit = self._light_limit if force > deepest * float(path.points[0].tangent.sum()) else None
         if light_limit is not None and force > (1 + LIGHT_MARGIN) * light_limit:
             self._refuse_depth(key, value, (1 - LIGHT_MARGIN) * light_limit / margin)
-        if any(point.force >= force or self._is_closed(point) for point in path.iterate_steps(deepest)):
+        if any(self._is_closed(point) for point in path.iterate_steps(deepest, force)) or path.reaches(force):
             return
         self._refuse_depth(key, value, max(p.force for p in path.points if p.indentation <= deepest * (1 + 1e-9)) / margin)
 

@@ -92,9 +92,11 @@ def test_fine_corners_that_no_longer_converge_are_not_pressed_again() -> None:
     assert path.iterate_steps.call_count == 1
 
 
-def test_fine_corners_are_left_where_steps_become_short() -> None:
-    path = Mock(last=Mock(indentation=1e-3), unit=1e-2, length=1e-5)
-    path.iterate_steps.return_value = iter(range(5))
+@pytest.mark.parametrize(("reached", "length"), [(1e-3, 1e-5), (1.95e-3, 3e-4)])
+def test_fine_corners_are_left_where_steps_become_short(reached: float, length: float) -> None:
+    points = [Mock(indentation=reached) for _ in range(5)]
+    path = Mock(last=points[0], unit=1e-2, radius=1e-2, length=length)
+    path.iterate_steps.return_value = iter(points)
     check = CornerCheck(lambda: path)
-    assert check.press(2e-3) == 1e-3
-    assert next(path.iterate_steps.return_value) == 1
+    assert check.press(2e-3) == reached
+    assert next(path.iterate_steps.return_value) is points[1]
