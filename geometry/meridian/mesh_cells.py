@@ -11,9 +11,9 @@ from geometry.common.arrays import Floats
 from geometry.meridian.crossed_sphere import Cap, CrossedBox
 from geometry.meridian.mesh_lines import MeshTopology
 from geometry.meridian.section import LAYERS, STACKS, Body
+from geometry.meridian.stack_fineness import LAYER_RATIO
 
 TENSOR, OUTSIDE, INSIDE, CORE, ARCH, STRIP = range(6)
-LAYER_RATIO = 0.15  # ratio of sizes from one layer at a corner to the next
 UNIT_SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 Vertex = tuple[int, int]  # number of the radius, number of the level
 Place = tuple[Vertex, bool] | None  # a corner: lines of the grid, and whether that on the sphere's surface is meant
@@ -184,9 +184,9 @@ def _find_point_side(cell: Cell, tips: Container[Vertex]) -> int | None:
     return next((end for end in (0, 1) if vertices[end] in tips), None) if shape == OUTSIDE else None
 
 
-def _cut_strips(side: int, layers: int) -> Floats:
+def _cut_strips(side: int, layers: int, ratio: float = LAYER_RATIO) -> Floats:
     """Cut the unit square into upright strips, ever thinner towards its left (0) or right (1) side; shape (strips, 4, 2)."""
-    ends = np.array([0.0, *(LAYER_RATIO**k for k in range(layers, -1, -1))])
+    ends = np.array([0.0, *(ratio**k for k in range(layers, -1, -1))])
     pieces = [UNIT_SQUARE * [high - low, 1.0] + [low, 0.0] for low, high in pairwise(np.sort(np.abs(side - ends)))]
     return np.stack(pieces)
 
@@ -208,36 +208,35 @@ def cut_layers(cell: Cell, layout: MeshTopology, singular: dict[Place, int], tip
     if not corners or not corners[0][1]:
         return cell, UNIT_SQUARE[None]
     ((k, layers),) = corners  # two cells at least lie between any two singular corners
-    return cell, _cut_corner(k, layers)
+    return cell, _cut_corner(k, layers, layout.top_ratio if cell[2][k][1] in layout.layer_ends else LAYER_RATIO)
 
 
 def _cut_at_wall(cell: Cell, layout: MeshTopology, side: int) -> Floats:
     """Cut the cell of a film or a bond that ends at a wall on its left (0) or right (1) side; shape (elements, 4, 2).
 
-    Cells are much wider than high: a layer of one row is cut into strips across its thickness. With more rows the strip at the
-    wall, about as wide as high, is cut further, towards the corner where the layer meets the next, unless the mesh has strips
-    alone (``StackFineness``).
+    Cells are much wider than high: a layer of one row is cut into strips across its thickness. With more rows the last strip at
+    the wall, about as wide as high, is cut further, towards the corner where the layer meets the next, where ``top_layers``
+    is above ``wall_strips``.
     """
-    layers, stack, (_, _, vertices, _) = layout.top_layers, layout.fineness.stack, cell
+    layers, ratio, (_, _, vertices, _) = layout.top_layers, layout.top_ratio, cell
     low, high = vertices[0][1] in layout.layer_ends, vertices[3][1] in layout.layer_ends
-    if (low and high) or (stack is not None and not stack.corners):
-        return _cut_strips(side, layers)
-    pieces = _cut_strips(side, 1)
-    if not (low or high):
+    strips = layers if low and high else layout.wall_strips
+    pieces, width = _cut_strips(side, strips, ratio), ratio**strips
+    if low == high:
         return pieces
     # the strip at the wall is the first on the left and the last on the right side; corners are counted as in UNIT_SQUARE
     corner = (0, 1)[side] if low else (3, 2)[side]
-    start = 0.0 if side == 0 else 1 - LAYER_RATIO
-    at_corner = _cut_corner(corner, layers - 1) * [LAYER_RATIO, 1.0] + [start, 0.0]
+    start = 0.0 if side == 0 else 1 - width
+    at_corner = _cut_corner(corner, layers - strips, ratio) * [width, 1.0] + [start, 0.0]
     return np.concatenate([at_corner, pieces[1:] if side == 0 else pieces[:-1]])
 
 
-def _cut_corner(corner: int, layers: int) -> Floats:
+def _cut_corner(corner: int, layers: int, ratio: float) -> Floats:
     """Cut the unit square into geometric layers towards a corner, counted as in ``UNIT_SQUARE``; shape (elements, 4, 2)."""
     # towards the corner (0, 0): a small square, and round it L-shaped layers of two quadrilaterals each
-    quads = [LAYER_RATIO**layers * UNIT_SQUARE]
+    quads = [ratio**layers * UNIT_SQUARE]
     for layer in range(layers):
-        x, y = LAYER_RATIO**layer, LAYER_RATIO ** (layer + 1)
+        x, y = ratio**layer, ratio ** (layer + 1)
         quads += [np.array([[y, 0.0], [x, 0.0], [x, x], [y, y]]), np.array([[0.0, y], [y, y], [x, x], [0.0, x]])]
     turned = np.stack(quads)
     # mirrored to the corner; a mirrored quadrilateral's corners are listed backwards to stay counter-clockwise

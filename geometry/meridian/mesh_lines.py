@@ -27,7 +27,7 @@ from geometry.meridian.crossed_sphere import BoxLines, Cap, CrossedBox, place_bo
 from geometry.meridian.grading import grade_nodes
 from geometry.meridian.section import FILMS, Body, Section
 from geometry.meridian.sphere_box import SphereBox
-from geometry.meridian.stack_fineness import StackFineness
+from geometry.meridian.stack_fineness import LAYER_RATIO, StackFineness
 from geometry.meridian.upper_levels import place_base_levels, place_bridge, place_stack_levels
 
 MIN_CORNER_LAYERS = 3  # corner layers from which on films and bonds have two rows, each cut towards one corner
@@ -211,8 +211,22 @@ class MeshTopology:
     @property
     def top_layers(self) -> int:
         """Number of geometric layers at the upper ends of the blocks' walls, and at the walls of films and bonds."""
-        stack = self.fineness.stack
-        return self.fineness.layers if stack is None or not any(self.kind.stacks) else stack.layers
+        return self.fineness.layers if self._stack is None else self._stack.layers
+
+    @property
+    def top_ratio(self) -> float:
+        """Ratio of sizes from one layer to the next there."""
+        return LAYER_RATIO if self._stack is None else self._stack.ratio
+
+    @property
+    def wall_strips(self) -> int:
+        """Number of strips at the walls of films and bonds into which rows are cut before their corners are."""
+        return 1 if self._stack is None else self._stack.strips
+
+    @property
+    def _stack(self) -> StackFineness | None:
+        """The fineness of films and bonds; None without them, or where it follows from ``layers``."""
+        return self.fineness.stack if any(self.kind.stacks) else None
 
     def _count_layer_rows(self, stack: tuple[Body, ...]) -> tuple[int, ...]:
         """Return the number of rows in each layer of a stack, see ``MIN_CORNER_LAYERS``."""

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 from geometry.meridian.section import FILMS, Body
 
+LAYER_RATIO = 0.15  # ratio of sizes from one layer at a corner to the next
+
 
 @dataclass(frozen=True)
 class StackFineness:
@@ -17,13 +19,17 @@ class StackFineness:
         Geometric layers at the upper ends of the blocks' walls, and at the walls of the layers on them; 1 or more.
     rows
         Rows of cells in a bond to the block, in a film that has a bond to the base, and in the layer at the base.
-    corners
-        Whether rows at a layer's upper and lower end are cut towards its corners; else all are cut into strips.
+    strips
+        Into how many strips all rows are cut at the walls, ever thinner ones. Where ``layers`` are more, the last strip of rows
+        at a layer's upper or lower end is cut towards its corner.
+    ratio
+        Ratio of sizes from one layer or strip to the next.
     """
 
     layers: int
     rows: tuple[int, int, int]
-    corners: bool = False
+    strips: int
+    ratio: float = LAYER_RATIO
 
     def count_rows(self, stack: tuple[Body, ...]) -> tuple[int, ...]:
         """Return the number of rows in each layer of a stack, from the block upwards."""

@@ -99,7 +99,7 @@ def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | Non
     def solve(fineness: MeridianFineness) -> MeshSample:
         """Solve with all features that are modelled."""
         # differences of meshes show the error of corners only if the corners' layers differ, too
-        chosen = choose_stack_fineness(scene, fineness, accuracy) if graded and any(sections.section.stacks) else fineness
+        chosen = choose_stack_fineness(scene, fineness) if graded and any(sections.section.stacks) else fineness
         return solve_on_mesh(sections.section, sections, scene, chosen, moduli=moduli)
 
     def is_good(mesh_sample: MeshSample, errors: SampleErrors) -> bool:

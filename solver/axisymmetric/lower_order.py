@@ -17,6 +17,9 @@ to 6, and k = 12 at degree 4; above that degree c_e = c, as changes in elements 
 slowly than before (``benchmarks/extremes/one_mesh.py``). Cells at an interface's end at the tissue's side, where a soft film is
 squeezed out under a stiff skin, are long and change little from degree to degree: c_e = 16 there.
 
+A charge's error lies mostly in thin cells of its film and bonds, whose fields at the walls fall quickly with the degree: its c_e
+is ``CHARGE_SHARE_OF_ORDER`` of a force's. At degree 4 this holds for cells of the probe alone, as the tissue's are large there.
+
 From degree 5 on the state's own part of degree p gives nearly as good a bound without a factorisation: its energy is at least
 that of w, as the smaller state is the best of all without that part. c_e = 11/5 and 12/5 then. One step of descent from it
 (``base_states.approximate_lower_order``) comes close to the best state; the energy it has in excess widens the bounds.
@@ -38,7 +41,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.meridian.mesh import find_interface_ends
-from geometry.meridian.section import STACKS, Body, Section
+from geometry.meridian.section import STACKS, TISSUES, Body, Section
 from solver.axisymmetric.base_states import (
     MeridianModel,
     approximate_lower_order,
@@ -57,6 +60,9 @@ OWN_DEGREE_FACTOR_OF_ORDER = {5: 2.2, 6: 2.4}  # likewise, for the state's own p
 INTERFACE_END_FACTOR = 16.0  # c_e in cells at interfaces' ends at the tissue's side
 RATE_FACTOR_OF_ORDER = {4: 12.0}  # by order: k of eq. AX.11
 MIN_ERROR_FACTOR = 1.2  # of eq. AX.11
+CHARGE_SHARE_OF_ORDER = {4: 0.6, 5: 0.5, 6: 0.5, 8: 0.5}  # of a force's c_e, for charges: a third is the least that was needed
+OWN_DEGREE_CHARGE_SHARE_OF_ORDER = {5: 0.4, 6: 0.5}  # likewise, for the state's own part of degree p
+MIN_SHARED_TISSUE_ORDER = 5  # below it the tissue's part of a charge's error is not smaller than that of a force's
 MAX_LAMBDA_OVER_TWO_MU = 12.0  # above it one step of descent leaves half of the energy or more
 CANCELLATION_FACTOR = 0.1  # the factor 1/10 of eq. AX.10
 DEPENDENT_RELATIVE = 1e-12  # of the largest energy: vectors with less count as dependent
@@ -128,7 +134,7 @@ def bound_by_lower_order(sample: MeshSample) -> SampleErrors:
     """Bound the errors of a sample by its projection to the next lower order, one in ``ERROR_FACTOR_OF_ORDER``."""
     model, full = sample.states.model, sample.state_curve
     lower = _project_curve(sample, full, model.shapes.order - 1)
-    return _build_errors(sample, _Change.from_curves(model, lower, full), *_get_factors(model))
+    return _build_errors(sample, _Change.from_curves(model, lower, full), _Factors.from_order(model.shapes.order))
 
 
 def bound_by_descent(sample: MeshSample) -> SampleErrors | None:
@@ -142,7 +148,7 @@ def bound_by_descent(sample: MeshSample) -> SampleErrors | None:
         return None
     values, loads = approximate_lower_order(sample.states)
     change = _Change(model, values, loads, StateCurve(full.edges + values), full)
-    return _build_errors(sample, change, *_get_factors(model))
+    return _build_errors(sample, change, _Factors.from_order(model.shapes.order))
 
 
 def bound_by_last_degree(sample: MeshSample) -> SampleErrors | None:
@@ -160,16 +166,27 @@ def bound_by_last_degree(sample: MeshSample) -> SampleErrors | None:
         values = full.edges.copy()
         values[:, find_values_of_degree(model, order)] = 0.0
         change = _Change.from_curves(model, StateCurve(values, full.rational), full)
-    return _build_errors(sample, change, OWN_DEGREE_FACTOR_OF_ORDER[order], None)
+    return _build_errors(
+        sample, change, _Factors(OWN_DEGREE_FACTOR_OF_ORDER[order], None, OWN_DEGREE_CHARGE_SHARE_OF_ORDER[order])
+    )
 
 
-def _get_factors(model: MeridianModel) -> tuple[float, float | None]:
-    """Return c of eq. AX.10 and k of eq. AX.11 for the order of a model; None for k where c_e = c."""
-    return ERROR_FACTOR_OF_ORDER[model.shapes.order], RATE_FACTOR_OF_ORDER.get(model.shapes.order)
+@dataclass(frozen=True)
+class _Factors:
+    """c of eq. AX.10, k of eq. AX.11 (None where c_e = c), and the share of c_e that charges have."""
+
+    error: float
+    rate: float | None
+    charge_share: float
+
+    @classmethod
+    def from_order(cls, order: int) -> _Factors:
+        """Return those of the best states of the next lower order."""
+        return cls(ERROR_FACTOR_OF_ORDER[order], RATE_FACTOR_OF_ORDER.get(order), CHARGE_SHARE_OF_ORDER[order])
 
 
-def _build_errors(sample: MeshSample, change: _Change, error_factor: float, rate_factor: float | None) -> SampleErrors:
-    """Build error bounds from a smaller space, by c of eq. AX.10 and, where changes may fall faster, k of eq. AX.11.
+def _build_errors(sample: MeshSample, change: _Change, factors: _Factors) -> SampleErrors:
+    """Build error bounds from a smaller space, by eq. AX.10 and, where changes may fall faster, eq. AX.11.
 
     The log-sensitivity is the difference of those of both films. The error of each is bounded by its change with the last degree
     plus, in case that vanishes by chance, the relative error of the film's force times the sensitivity. A smaller system that is
@@ -177,7 +194,7 @@ def _build_errors(sample: MeshSample, change: _Change, error_factor: float, rate
     """
     ratios, lower, totals = sample.modulus_ratios, change.lower, sample.totals
     energies = change.compute_energies(ratios)
-    bound = _compute_error_ratios(sample, change, error_factor, rate_factor) * _bound_products(energies)
+    bound = _compute_error_ratios(sample, change, factors) * _bound_products(energies)
     sensitivities = _divide(sample.product_derivatives.sum(axis=2), totals)  # of each film's force and charge
     lower_energies = _compute_inclusion_energies(change.model, lower.edges, lower.compute_states(ratios)[0])
     lower_sensitivities = _divide(ratios[:, None] * _sum_bases(lower_energies), totals + _sum_bases(energies))
@@ -225,11 +242,10 @@ def _compute_inclusion_energies(model: MeridianModel, values: Floats, coefficien
     return np.asarray(coefficients.transpose(0, 2, 1) @ products @ coefficients)
 
 
-def _compute_error_ratios(sample: MeshSample, change: _Change, error_factor: float, rate_factor: float | None) -> Floats:
+def _compute_error_ratios(sample: MeshSample, change: _Change, factors: _Factors) -> Floats:
     """Return the first factor of eq. AX.12, e_i over the Cauchy-Schwarz bound of its energies, shape (k, s).
 
-    It changes little with the modulus, so that it is computed at ``SAMPLED_MODULI`` moduli only. ``error_factor`` is c of eq.
-    AX.10, ``rate_factor`` k of eq. AX.11, None where c_e = c.
+    It changes little with the modulus, so that it is computed at ``SAMPLED_MODULI`` moduli only.
     """
     model, order = change.model, change.model.shapes.order
     ratios = (
@@ -240,13 +256,15 @@ def _compute_error_ratios(sample: MeshSample, change: _Change, error_factor: flo
     scales = np.stack([scale_inclusion(model, ratio) for ratio in ratios])
     energies = scales * change.compute_element_energies(ratios)
     sizes = _compute_sizes(energies)
-    factors = np.full_like(sizes, error_factor)
-    if rate_factor is not None:
+    weights = np.full_like(sizes, factors.error)  # c_e
+    if factors.rate is not None:
         previous = _compute_sizes(scales * _compute_degree_energies(model, change.lower, order - 1, ratios))
-        steady = rate_factor * _divide(sizes, np.maximum(previous - sizes, 0.0), np.inf)  # eq. AX.11
-        factors = np.clip(steady, MIN_ERROR_FACTOR, factors)
-    factors[:, find_interface_ends(model.mesh)] = INTERFACE_END_FACTOR
-    error_ratios = _divide((factors * sizes).sum(axis=1), _bound_products(energies.sum(axis=1)))
+        steady = factors.rate * _divide(sizes, np.maximum(previous - sizes, 0.0), np.inf)  # eq. AX.11
+        weights = np.clip(steady, MIN_ERROR_FACTOR, weights)
+    shared = ~np.isin(model.mesh.body, TISSUES) if order < MIN_SHARED_TISSUE_ORDER else slice(None)
+    weights[:, shared, 2:] *= factors.charge_share
+    weights[:, find_interface_ends(model.mesh)] = INTERFACE_END_FACTOR
+    error_ratios = _divide((weights * sizes).sum(axis=1), _bound_products(energies.sum(axis=1)))
     # the two nearest of the sampled moduli, t' of eq. AX.12
     upper = np.clip(np.searchsorted(ratios, sample.modulus_ratios), min(1, len(ratios) - 1), len(ratios) - 1)
     return np.asarray(np.maximum(error_ratios[upper], error_ratios[np.maximum(upper - 1, 0)]))

@@ -1,4 +1,4 @@
-"""Choose how finely films and bonds are meshed: as few cells as a charge needs, by its film's bonds and the accuracy."""
+"""Choose how finely films and bonds are meshed: as few cells as a charge needs, by its film's bonds."""
 
 from __future__ import annotations
 
@@ -10,24 +10,19 @@ from geometry.scenes.film import Bond
 from geometry.scenes.scene import Scene
 
 SOFT_MODULUS = 3e6  # Pa: on softer bonds a film floats, and a charge's error at its corners is small
-GLUE_MODULUS = 1e8  # Pa: bonds between tape and glue, of which none are known, count as tape
-MAX_FLOATING_BOND_M = 7.5e-5  # m: thicker ones need more cells at the walls where the accuracy is high
-LOW_ACCURACY, THICK_LOW_ACCURACY = 1.8e-3, 5e-3  # from which few cells suffice at the corners of glue, too; and of thick bonds
-HIGH_ACCURACY = 8e-4  # below it fewer cells than elsewhere would seldom do
-MAX_OTHER_LAYERS = 2  # at other corners: a third changes forces by 1e-5, where a charge's error is bounded by some 1e-4
-ONE_ROW = StackFineness(1, (1, 1, 1))
-FLOATING = StackFineness(1, (2, 1, 1))  # most of the error bound comes from the bond to the block
-BARE = StackFineness(2, (1, 1, 1))  # on the light mesh: half of the error bound comes from the blocks' upper corners
-TWO_ROWS = StackFineness(1, (2, 2, 2))
-GLUED = StackFineness(2, (2, 1, 2))  # strips at the walls are about as wide as thin rows are high
-CORNERS = StackFineness(2, (2, 1, 2), corners=True)
-FINE_CORNERS = StackFineness(3, (2, 1, 2), corners=True)  # as many layers as elsewhere without charges
+MAX_FLOATING_BOND_M = 7.5e-5  # m: thicker ones need more cells at the walls
+MAX_OTHER_LAYERS = 2  # at other corners below order 6: a third changes forces by 1e-5, a charge's error is bounded by some 1e-4
+WALL_RATIO = 0.22  # of strips and layers: after two of them cells at a wall are about as wide as rows are high
+ONE_ROW = StackFineness(1, (1, 1, 1), 1)
+TWO_ROWS = StackFineness(1, (2, 2, 2), 1)
+CORNERS = StackFineness(2, (2, 1, 2), 1)
+LIGHT = StackFineness(2, (1, 1, 1), 2, 0.3)  # wider strips, as one row does not follow a corner's field
+COARSE = StackFineness(2, (2, 1, 2), 2, WALL_RATIO)
+MIDDLE = StackFineness(3, (2, 1, 2), 2, WALL_RATIO)
 
 
-def choose_stack_fineness(scene: Scene, fineness: MeridianFineness, accuracy: float) -> MeridianFineness:
+def choose_stack_fineness(scene: Scene, fineness: MeridianFineness) -> MeridianFineness:
     """Return the fineness of a mesh with that of the scene's films and bonds.
-
-    Only the first meshes are changed; finer ones have as many corner layers in films and bonds as elsewhere.
 
     Parameters
     ----------
@@ -35,13 +30,11 @@ def choose_stack_fineness(scene: Scene, fineness: MeridianFineness, accuracy: fl
         With films, or without.
     fineness
         Of the mesh, without that of films and bonds.
-    accuracy
-        Relative, that is required of the charges.
     """
-    stack = _choose(scene, fineness, accuracy)
+    stack = _choose(scene, fineness)
     if stack is None:
         return fineness
-    layers = min(fineness.layers, MAX_OTHER_LAYERS) if scene.models_charges else fineness.layers
+    layers = min(fineness.layers, MAX_OTHER_LAYERS) if scene.models_charges and fineness.order < 6 else fineness.layers
     return replace(fineness, layers=layers, stack=stack)
 
 
@@ -64,41 +57,28 @@ def has_bare_film(scene: Scene) -> bool:
     return any(film.stack_height == film.thickness for film in films)
 
 
-def _choose(scene: Scene, fineness: MeridianFineness, accuracy: float) -> StackFineness | None:
+def _choose(scene: Scene, fineness: MeridianFineness) -> StackFineness | None:
     """Return the fineness of films and bonds; None for as many corner layers as elsewhere."""
     if scene.probe.film is None:
         return None
     if not scene.models_charges:
         return ONE_ROW if fineness.layers <= 3 else None  # forces alone are wanted
-    bare, films = has_bare_film(scene), scene.probe.film.by_block
-    if fineness.layers == 1:
-        return BARE if bare else None
-    if (fineness.layers, fineness.order) != (3, 5) or accuracy < HIGH_ACCURACY:
-        return None
-    if bare:
-        return CORNERS
-    if any(film.bonds[1].is_rigid for film in films):
-        return FINE_CORNERS
-    bonds = [bond for film in films for bond in film.bonds if not bond.is_rigid]
-    is_glued = all(_get_modulus(bond) >= GLUE_MODULUS for bond in bonds)
-    is_soft = all(_get_modulus(bond) <= SOFT_MODULUS for bond in bonds)
-    is_thin = max(bond.thickness for bond in bonds) <= MAX_FLOATING_BOND_M
-    if accuracy >= (LOW_ACCURACY if is_thin else THICK_LOW_ACCURACY) and (is_soft or is_glued):
-        return ONE_ROW
-    if is_soft and is_thin and _has_deep_tumour(scene):
-        return FLOATING
-    return GLUED if is_glued else CORNERS
+    if fineness.order >= 6:
+        rows = fineness.count(2)
+        return StackFineness(fineness.layers + 1, (rows, rows, rows), 2, WALL_RATIO)
+    bonds = [bond for film in scene.probe.film.by_block for bond in film.bonds]
+    is_soft, is_stiff = ([_is_of_kind(bond, stiff) for bond in bonds] for stiff in (False, True))
+    floats = any(is_soft) and not any(is_stiff)  # perhaps beside a rigid bond, but on no tape or glue that clamps it
+    if fineness.order == 5:
+        return COARSE if floats or all(is_stiff) else MIDDLE
+    if fineness.layers > 1:
+        return COARSE
+    return ONE_ROW if floats else LIGHT
 
 
-def _get_modulus(bond: Bond) -> float:
-    """Return Young's modulus of a bond that is not rigid, Pa."""
+def _is_of_kind(bond: Bond, stiff: bool) -> bool:
+    """Return whether a bond is thin and not rigid, and softer, or stiffer, than ``SOFT_MODULUS``."""
+    if bond.is_rigid or bond.thickness > MAX_FLOATING_BOND_M:
+        return False
     assert bond.youngs_modulus is not None  # checked with the scene
-    return bond.youngs_modulus
-
-
-def _has_deep_tumour(scene: Scene) -> bool:
-    """Return whether a sphere is covered by more tissue than the inner block is wide.
-
-    Without one, or with a nearer one, the tissue's coarser cells use up most of the error.
-    """
-    return any(body.depth - (body.diameter or 0.0) / 2 > scene.probe.inner_radius for body in scene.inclusion)
+    return (bond.youngs_modulus > SOFT_MODULUS) == stiff

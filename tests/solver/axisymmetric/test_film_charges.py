@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from geometry.common.json_types import JsonObject
 from geometry.meridian.mesh import compute_nodes
 from geometry.meridian.mesh_cells import UNIT_SQUARE
 from geometry.meridian.mesh_lines import MeridianFineness, find_kind
 from geometry.meridian.section import Body
+from geometry.meridian.stack_fineness import StackFineness
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import list_values
 from solver import evaluate
@@ -63,6 +65,32 @@ def test_films_take_few_more_elements_than_the_same_probe_without() -> None:
     plain, layered = (Axisymmetric().compute_converged(item, 1e-3).sample.states.model for item in (scene, glued))
     assert plain.shapes.order == layered.shapes.order
     assert len(layered.mesh.body) <= 1.15 * len(plain.mesh.body)
+
+
+@pytest.mark.parametrize(
+    ("base", "block", "order"),
+    [
+        ({"thickness": 7e-6, "youngs_modulus": 8e8, "poisson_ratio": 0.4}, {"thickness": 2.6e-5, "youngs_modulus": 2.3e6}, 5),
+        ({"thickness": 5e-6, "youngs_modulus": 3.4e9, "poisson_ratio": 0.35}, {"thickness": 2.9e-5, "youngs_modulus": 5e8}, 5),
+        ({"thickness": 4e-5, "youngs_modulus": 3.8e7}, None, 6),
+    ],
+    ids=["thin glue and tape", "thin glue", "stiff tape"],
+)
+def test_thin_bonds_need_no_fine_mesh(base: JsonObject, block: JsonObject | None, order: int) -> None:
+    """Their charges reach 0.001 without elements of order 8, within the stated errors of those on such a mesh."""
+    bonds = {side: {"poisson_ratio": 0.45} | bond for side, bond in (("bond_to_base", base), ("bond_to_block", block)) if bond}
+    scene = named("axisymmetric", "published-materials").scene
+    tables = scene.model_dump(exclude_unset=True)
+    film = {"thickness": 2.8e-5} | bonds
+    scene = Scene.from_tables(tables | {"probe": tables["probe"] | {"film": film}, "reading": {"observable": "charge"}})
+    converged = Axisymmetric().compute_converged(scene, 1e-3)
+    charges = converged.films[0].charges
+    assert charges is not None
+    assert converged.sample.states.model.shapes.order <= order
+    # twice as many strips of other widths at the walls, and order 8
+    true = CHARGE_UNIT * solve(scene, MeridianFineness(1, 4, 8, stack=StackFineness(6, (2, 2, 2), 4, 0.3))).totals[0, 2:]
+    assert charges.ratio_error <= 1e-3
+    assert np.all(np.abs(charges.totals / true - 1) <= charges.relative_errors)
 
 
 def test_displacements_give_the_same_charge() -> None:
