@@ -28,7 +28,7 @@ LIMIT_VARIABLE = "PROBE_DESIGN_MEMORY"  # the environment variable: GB that the 
 DEFAULT_LIMIT_GB = 1.0  # GB
 MAX_GROWTH_FACTOR = 4.0  # most that values may have grown since they were measured, as patterns do with their factors
 FREE_SHARE = 0.25  # of the limit, made free where values are dropped: measuring hundreds of them takes longer than an evaluation
-MIN_RETURNED_BYTES = 1e8  # below that the C library keeps freed memory, as new pages cost time
+RETURNED_SHARE = 1.0  # of the limit: less freed memory stays with the C library, as new pages took a quarter of an evaluation
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -79,7 +79,7 @@ class Workspace:
     def begin(self) -> None:
         """Begin an evaluation: values from earlier ones may be dropped from now on."""
         self._evaluation += 1
-        give_back(MIN_RETURNED_BYTES)
+        give_back(RETURNED_SHARE * self.limit)
 
     def keep(self, key: Hashable, make: Callable[[], T], fixed: bool = False) -> T:
         """Return the value under a key; compute it if there is none.
@@ -120,7 +120,7 @@ class Workspace:
                 if held + wanted <= self.limit - free:
                     break
                 held -= self._entries.pop(key).bytes
-        give_back(MIN_RETURNED_BYTES)
+        give_back(RETURNED_SHARE * self.limit)
 
     def _measure(self, counted: set[int] | None = None) -> int:
         """Measure all values again, as some grow, and return their bytes in all; ``counted`` as of ``measure_bytes``.

@@ -41,11 +41,11 @@ def said(code: str, *arguments: str, **environment: str) -> str:
 @linux
 @pytest.mark.slow
 def test_unlike_scenes_do_not_add_up() -> None:
-    """A workspace of 0.2 GB is full after a dozen of 120 scenes; beside it are Python, libraries and what was freed last."""
+    """A workspace of 0.2 GB is full after a dozen of 120 scenes; beside it are Python, libraries and 0.2 GB of freed memory."""
     for row in json.loads(said(UNLIKE, **{LIMIT_VARIABLE: "0.2"})):
         now, held = row[2], row[4]
         assert held <= 300  # MB: the limit, or what the last evaluation needed
-        assert now - held <= 260
+        assert now - held <= 360
 
 
 @linux
