@@ -64,7 +64,7 @@ def test_the_error_falls_eightfold_as_losses_are_halved(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_error_that_is_told_covers_the_complex_solution(name: str, seed: int) -> None:
     random, scene = np.random.default_rng(seed), SCENES[name]
     scene = scene.replace({key: float(random.choice([0.0, 0.1, 0.3, 0.6])) for key in list_loss_factors(scene)})

@@ -25,7 +25,7 @@ ANSWERED, REFUSED, NOT_ASKED, STOPPED = OUTCOMES[:4]
 
 @pytest.mark.parametrize("kind", slow_unless(lambda kind: kind not in ("several in layers", "ellipsoid", "loaded"), list(KINDS)))
 def test_scenes_of_every_kind_are_answered_as_planned_or_refused_by_both(kind):
-    for scene in islice(scenes(kind, 1), 2):
+    for scene in islice(scenes(kind, 1), 1 if kind == "loaded" else 2):  # ten seconds each
         error, said = outcome(scene, 0.01, solid=False)
         assert error in (ANSWERED, REFUSED, NOT_ASKED, STOPPED), said  # stopped: solid takes more memory than is allowed
 
@@ -61,15 +61,6 @@ def test_what_the_load_leaves_is_what_the_level_may_be_off():
     assert result.error_estimate
     assert 2 * error < result.error_estimate <= accuracy
     assert not [line for line in result.warnings if "accuracy" in line]
-
-
-@pytest.mark.slow
-def test_refusals_quote_what_was_asked_and_what_is_reached():
-    with pytest.raises(OutOfReach, match=r"^accuracy = 0\.1 %: allowed: 0\.\d+ % or more for this scene \(solid reaches 0\.3"):
-        evaluate(ellipsoid(1e-6), accuracy=0.001)
-    scene_plan = plan(ellipsoid(1e-6), 0.001)
-    assert scene_plan.evaluator is None
-    assert str(scene_plan.refusal).startswith("accuracy = 0.1 %: allowed: 0.3")
 
 
 def test_solid_is_named_unasked_only_where_its_meshes_surely_suffice():

@@ -43,8 +43,8 @@ def test_what_coarse_meshes_get_wrong_at_the_rims_cancels():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("x", [35e-3, 38e-3])
-def test_a_probe_near_an_edge_is_answered(x):
+def test_a_probe_near_an_edge_is_answered():
+    x = 35e-3
     result = evaluate(place_scene(x))
     assert result.error_estimate
     assert result.error_estimate <= 0.01

@@ -51,13 +51,12 @@ def assert_as_expected(result: Result, reference: Expected) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["nearly-incompressible", "soft-cyst"])
-def test_on_the_axis(name: str) -> None:
+def test_on_the_axis() -> None:
     """The meshes know nothing of the symmetry: a tumour on the axis must come out as in the meridian plane.
 
     DESIGN: log_sensitivity is promised within 5 times the accuracy.
     """
-    reference, accuracy = named("axisymmetric", name), 0.02
+    reference, accuracy = named("axisymmetric", "soft-cyst"), 0.02
     result = solved(reference.scene, accuracy)
     assert result.ratio is not None
     assert result.error_estimate is not None
@@ -84,10 +83,10 @@ def test_an_ellipsoid_turned_off_the_axis() -> None:
 
 
 @pytest.mark.slow
-def test_a_scanned_surface_of_80_000_triangles_is_the_ellipsoid_that_it_follows(tmp_path: Path) -> None:
+def test_a_scanned_surface_of_5_000_triangles_is_the_ellipsoid_that_it_follows(tmp_path: Path) -> None:
     import pyvista
 
-    reference, ball = named("off-axis", "ellipsoid-off-axis"), pyvista.Icosphere(radius=1.0, nsub=6)
+    reference, ball = named("off-axis", "ellipsoid-off-axis"), pyvista.Icosphere(radius=1.0, nsub=4)
     (body,) = reference.scene.inclusion
     points = 1e3 * np.asarray(ball.points, dtype=float) @ np.array(compute_semi_axes(body)).T
     pyvista.PolyData.from_regular_faces(points, ball.regular_faces).save(tmp_path / "scan.stl")
