@@ -35,7 +35,7 @@ def list_scenes() -> dict[str, Scene]:
     return {
         "examples/scene.toml, 0.1 N": example.replace({"load.force": 0.1}),
         "examples/skin.toml, inner radius 8 mm, tissue 6 kPa, 0.3 N": wide.replace({"load.force": 0.3}),
-        "examples/two-tumours.toml, 0.2 N": two.model_copy(update={"load": Load(force=0.2)}),
+        "examples/two-tumours.toml, 0.3 N": two.model_copy(update={"load": Load(force=0.3)}),
     }
 
 

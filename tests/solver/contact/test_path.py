@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from geometry import Scene
+from geometry.common import resources
 from geometry.common.arrays import Floats
+from geometry.common.resources import LimitReached
 from solver.axisymmetric.sample import solve_on_mesh
 from solver.axisymmetric.sections import build_sections
 from solver.contact.contact_forces import compute_pressure, compute_touch
@@ -183,6 +185,14 @@ def test_a_corrected_step_solves_with_the_pressures_at_its_end() -> None:
     for direction in np.random.default_rng(7).standard_normal((5, len(step))):
         works = surplus * differentiate_gaps(direction)
         assert forces @ direction == pytest.approx(works.sum(), abs=1e-4 * np.abs(works).sum())
+
+
+def test_a_limit_of_time_names_the_force_that_is_reached(monkeypatch: pytest.MonkeyPatch) -> None:
+    path = pressed(scene_of("example"), COARSE)
+    path.press_to_force(0.05)
+    monkeypatch.setattr(resources, "find_seconds_left", lambda: 0.0)
+    with pytest.raises(LimitReached, match=rf"pressing .*; {path.last.force:.3g} N is reached$"):
+        path.press_to_force(0.1)
 
 
 @pytest.mark.parametrize("poisson_ratio", [0.45, 0.4999])
