@@ -1,10 +1,10 @@
 """Fit the closed form's stated errors, 95 % quantiles by class of scene, and measure how many true errors they cover.
 
 ``python -m benchmarks.closed_form.error FILE... --fit --seeds K... --searched FILE...`` fits eq. CF.19 to scenes of files of
-``scenes.py``, drawn with these seeds, and writes ``solver/closed_form/error_quantiles.json``. The weights come from quantile
-regression of the logarithms of the errors, all classes together, scenes that a search picked among them. The constants are
-calibrated class by class on the scenes as drawn: a tenth of them at a time is stated by weights fitted to the others, and the
-constant is such that 95 % of all are covered (cross-conformal prediction).
+``scenes.py``, drawn with these seeds, and writes the tables of their classes in ``solver/closed_form``. The weights come from
+quantile regression of the logarithms of the errors, all classes of a table together, scenes that a search picked among them. The
+constants are calibrated class by class on the scenes as drawn: a tenth of them at a time is stated by weights fitted to the
+others, and the constant is such that 95 % of all are covered (cross-conformal prediction).
 
 Without ``--fit`` it prints for the scenes of the files, drawn with another seed, by class and quantity: how many true errors the
 stated ones cover, with the coverage's 95 % interval (binomial, by Clopper and Pearson), the median stated over the median true
@@ -32,10 +32,18 @@ from scipy.stats import binomtest
 from benchmarks.closed_form.scenes import SolvedScene, read_solved
 from geometry.common.arrays import Bools, Floats
 from solver.closed_form.designs import build_parameters
-from solver.closed_form.error_quantile import QUANTITIES, SCENE_CLASSES, SceneClass, classify, compute_features, state_errors
+from solver.closed_form.error_quantile import (
+    QUANTITIES,
+    SCENE_CLASSES,
+    TABLES,
+    SceneClass,
+    classify,
+    compute_features,
+    state_errors,
+)
 from solver.closed_form.evaluator import MAX_LOG_ERROR, ClosedForm, solve_columns
 
-TABLE = Path(__file__).parents[2] / "solver" / "closed_form" / "error_quantiles.json"
+TABLES_FOLDER = Path(__file__).parents[2] / "solver" / "closed_form"
 COVERAGE = 0.95
 FIT_QUANTILE = 0.9  # of the regression: nearer to the middle than the quantile stated, as weights are surer there
 FLOORS = dict.fromkeys(QUANTITIES, 1e-4) | {"log_sensitivity": 1e-6}  # errors below are all as good
@@ -43,6 +51,7 @@ SMOOTHING, RIDGE = 0.05, 1e-3  # of the regression's loss, and of its weights in
 FOLDS = 10
 SMALL_ERROR = 0.05  # largest stated error of scenes that a choice by stated error would pick
 FEATURES_OF_TARGET = ("target",)  # features that only the log-sensitivity has
+FEATURES_OF_LAYERS = ("softer layers", "squeezed layer")  # features that only layered scenes have
 
 
 @dataclass(frozen=True)
@@ -71,14 +80,19 @@ def main() -> None:
         print_coverage(rows)
         return
     rows += [replace(row, searched=True) for row in _read_rows(options.searched, with_stated=False)]
+    for file_name in sorted({TABLES[row.kind] for row in rows}):
+        _write_table(file_name, [row for row in rows if TABLES[row.kind] == file_name], options.seeds)
+
+
+def _write_table(file_name: str, rows: Sequence[ErrorRow], seeds: Sequence[int]) -> None:
     origin = {
         "script": "python -m benchmarks.closed_form.error FILE --fit",
         "date": date.today().isoformat(),
-        "seeds": options.seeds,
+        "seeds": seeds,
         "scenes": dict(Counter(row.kind for row in rows if not row.searched)),
         "searched": dict(Counter(row.kind for row in rows if row.searched)),
     }
-    TABLE.write_text(json.dumps({"origin": origin, **fit(rows)}, indent=1) + "\n", encoding="utf-8")
+    TABLES_FOLDER.joinpath(file_name).write_text(json.dumps({"origin": origin, **fit(rows)}, indent=1) + "\n", encoding="utf-8")
 
 
 def _read_rows(files: Sequence[Path], *, with_stated: bool) -> list[ErrorRow]:
@@ -121,27 +135,32 @@ def _compute_true(solved: SolvedScene, forces: Floats, derivative: Floats) -> Fl
 
 def fit(rows: Sequence[ErrorRow]) -> dict[str, dict[str, dict[str, float]]]:
     """Return the weights by quantity and feature, and the constants by class and quantity, three digits."""
-    names = list(rows[0].features)
-    table = np.array([[row.features[name] for name in names] for row in rows])
+    classes = [kind for kind in SCENE_CLASSES if any(row.kind == kind for row in rows)]
     kinds, drawn = np.array([row.kind for row in rows]), np.array([not row.searched for row in rows])
     weights: dict[str, dict[str, float]] = {}
-    constants: dict[str, dict[str, float]] = {kind: {} for kind in SCENE_CLASSES}
+    constants: dict[str, dict[str, float]] = {kind: {} for kind in classes}
     for place, quantity in enumerate(QUANTITIES):
-        used = [name for name in names if quantity == "log_sensitivity" or name not in FEATURES_OF_TARGET]
-        true = np.array([row.true[place] for row in rows])
+        unused = (() if quantity == "log_sensitivity" else FEATURES_OF_TARGET) + (
+            () if "layered" in classes else FEATURES_OF_LAYERS
+        )
+        used = [name for name in rows[0].features if name not in unused]
+        table, true = (
+            np.array([[row.features[name] for name in used] for row in rows]),
+            np.array([row.true[place] for row in rows]),
+        )
         known = np.isfinite(true)
-        features, logs = table[known][:, [names.index(name) for name in used]], np.log(true[known] + FLOORS[quantity])
-        fitted = np.array([float(f"{weight:.3g}") for weight in regress(features, logs, kinds[known])])
+        features, logs = table[known], np.log(true[known] + FLOORS[quantity])
+        fitted = np.array([float(f"{weight:.3g}") for weight in regress(features, logs, kinds[known], classes)])
         weights[quantity] = dict(zip(used, fitted.tolist(), strict=True))
-        shift = calibrate(features, np.log(true[known]), logs, kinds[known], drawn[known])
+        shift = calibrate(features, np.log(true[known]), logs, kinds[known], drawn[known], classes)
         plain = logs - features @ fitted
-        for kind in SCENE_CLASSES:
+        for kind in classes:
             inside = drawn[known] & (kinds[known] == kind)
             constants[kind][quantity] = float(f"{np.quantile(plain[inside], FIT_QUANTILE) + shift[kind]:.4g}")
     return {"weights": weights, "constants": constants}
 
 
-def regress(features: Floats, logs: Floats, kinds: Floats, classes: Sequence[SceneClass] = SCENE_CLASSES) -> Floats:
+def regress(features: Floats, logs: Floats, kinds: Floats, classes: Sequence[SceneClass]) -> Floats:
     """Return the weights of a quantile regression of logarithms of errors, with a constant for each class."""
     middle, width = features.mean(axis=0), features.std(axis=0)
     columns = np.column_stack([(features - middle) / width, *(kinds == kind for kind in classes)])
@@ -165,7 +184,7 @@ def calibrate(
     logs: Floats,
     kinds: Floats,
     drawn: Bools,
-    classes: Sequence[SceneClass] = SCENE_CLASSES,
+    classes: Sequence[SceneClass],
 ) -> dict[str, float]:
     """Return for each class what its constant needs above the quantile of the regression, so that ``COVERAGE`` is covered.
 

@@ -7,10 +7,13 @@ from typing import Any
 import numpy as np
 
 from geometry import Scene
+from solver.closed_form.error_quantile import SCENE_CLASSES
 
 MIN_WAY_DIAMETERS = 0.1  # from a sphere to an interface, in its diameters
 NEARLY_INCOMPRESSIBLE = (0.45, 0.48, 0.49, 0.499, 0.4999)  # Poisson's ratios of rubber and tissue
 MODULI_PA = (1e3, 1e7)
+SOFT_SKIN = "soft skin"  # layered, of ordinary probes on a layer that is softer than the tissue below
+DRAWN_KINDS = (*SCENE_CLASSES, SOFT_SKIN)
 
 
 def draw(rng: np.random.Generator, kind: str) -> Scene:
@@ -21,8 +24,10 @@ def draw(rng: np.random.Generator, kind: str) -> Scene:
     ValueError
         Its parts do not fit.
     """
-    ordinary = rng.random() < 1 / 2
+    ordinary = rng.random() < 1 / 2 or kind == SOFT_SKIN
     probe, spheres, modulus = (_draw_ordinary if ordinary else _draw_broad)(rng, several=kind == "off axis")
+    if kind == SOFT_SKIN:
+        probe["area_ratio"] = _draw_log_uniform(rng, 0.3, 4)
     inner = np.pi * probe["inner_radius"] ** 2
     outer = float(np.sqrt((probe["inner_radius"] + probe["gap"]) ** 2 + inner / probe["area_ratio"] / np.pi))
     for sphere in spheres:
@@ -30,6 +35,8 @@ def draw(rng: np.random.Generator, kind: str) -> Scene:
     tissue = _draw_tissue(rng, kind, spheres, outer, ordinary)
     depth = tissue.get("depth", 6 * outer)
     material = _draw_layers(rng, spheres, modulus, outer, depth) if kind == "layered" else _draw_material(rng, modulus)
+    if kind == SOFT_SKIN:
+        material |= {"layer": [_draw_soft_skin(rng, modulus)]}
     return Scene.model_validate(
         {
             "probe": probe,
@@ -83,6 +90,12 @@ def _draw_broad(rng: np.random.Generator, several: bool) -> tuple[dict[str, Any]
         material = _draw_material(rng, _draw_log_uniform(rng, *MODULI_PA))
         spheres.append({"diameter": size, "depth": size * (0.5 + _draw_log_uniform(rng, 0.1, 3)), **material})
     return probe, spheres, modulus
+
+
+def _draw_soft_skin(rng: np.random.Generator, modulus: float) -> dict[str, Any]:
+    """Draw a layer of 20 um to 1 mm for tissue of ``modulus`` below it, as 1 to 10 kPa on 5 to 60 kPa."""
+    material = _draw_material(rng, modulus, 0.3) | {"youngs_modulus": modulus * _draw_log_uniform(rng, 1 / 60, 0.8)}
+    return {"thickness": _draw_log_uniform(rng, 20e-6, 1e-3), **material}
 
 
 def _draw_tissue(

@@ -3,9 +3,9 @@
     error = exp(c + sum of w_k x_k)                                                              (CF.19)
 
 of ln(ratio), of the logarithms of both totals and of the stiffness and, absolute, of the log-sensitivity. The features x_k are
-logarithms of ratios of lengths and moduli (``compute_features``), their weights w_k the same for all classes; the constant c is
-that of the scene's class. ``python -m benchmarks.closed_form.error`` fits the weights to drawn scenes, calibrates the constants
-and writes both to ``error_quantiles.json``.
+logarithms of ratios of lengths and moduli (``compute_features``). Layered scenes have weights w_k of their own, the other classes
+the same; the constant c is that of the scene's class. ``python -m benchmarks.closed_form.error`` fits the weights to drawn
+scenes, calibrates the constants and writes both to ``TABLES``.
 """
 
 from __future__ import annotations
@@ -21,12 +21,16 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.probe import Probe
+from solver.closed_form.contact import Tissue
 from solver.closed_form.designs import PROBE_PARAMETERS, TISSUE_PARAMETERS, Shape, split_parameters
+from solver.layers.scene_layers import compute_squeezes
+from solver.layers.stack import TissueLayer
 from solver.results.detail_compliance import FILM_DETAIL, iterate_details
 from solver.results.film_forces import Bound
 
 SceneClass = Literal["bare", "layered", "off axis", "near sides"]
 SCENE_CLASSES: tuple[SceneClass, ...] = ("bare", "layered", "off axis", "near sides")
+TABLES = dict.fromkeys(SCENE_CLASSES, "error_quantiles.json") | {"layered": "layered_error_quantiles.json"}
 CHARGE_CLASSES: tuple[SceneClass, ...] = ("bare", "layered", "near sides")  # of which charges are known
 MAX_SOFTNESS = 30.0  # ratio of moduli: plates on softer layers are not further off, and few were drawn
 QUANTITIES = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity")
@@ -116,8 +120,9 @@ def state_errors(shape: Shape, values: Floats, forces: Floats, derivatives: Floa
     derivatives
         Their derivatives by the logarithm of the target's modulus, shape (n, 2, 2).
     """
-    table, features = read_quantiles("error_quantiles.json"), compute_features(shape, values, forces, derivatives)
-    constants, weights = table["constants"][classify(shape)], table["weights"]
+    kind, features = classify(shape), compute_features(shape, values, forces, derivatives)
+    table = read_quantiles(TABLES[kind])
+    constants, weights = table["constants"][kind], table["weights"]
     exponents = [constants[name] + sum(weight * features[key] for key, weight in weights[name].items()) for name in QUANTITIES]
     return np.stack([np.exp(exponent) for exponent in exponents], axis=1)
 
@@ -137,18 +142,19 @@ def compute_features(shape: Shape, values: Floats, forces: Floats, derivatives: 
     - thin cover, large tumour: of the worst tumour, whose images are of few moments;
     - opposed forces: the forces beyond their sum, as where a block hangs on the other;
     - softer layers: the modulus of the first layer over that of the softest, at most ``MAX_SOFTNESS``;
+    - squeezed layer: how much blocks squeeze a thin, soft first layer (``solver.layers.scene_layers.compute_squeezes``);
     - far sides: how much sides that are left out matter; near sides: how near modelled ones are;
     - target: how much the target's modulus changes of both totals; of the log-sensitivity alone.
 
     See ``state_errors`` for the arguments.
     """
     inner_radius, gap, radius, inner_height, outer_height, _, _, tube_modulus, _ = values[: len(PROBE_PARAMETERS)]
-    depth, side, *last_material = values[len(PROBE_PARAMETERS) : len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)]
+    depth, side, last_modulus, last_poisson = values[len(PROBE_PARAMETERS) : len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)]
     bodies, layers, _ = split_parameters(shape, values)
     wall, none = radius - (inner_radius + gap), np.zeros(values.shape[1])
-    first_modulus, first_poisson = layers[0][1:] if len(layers) else last_material
+    first_modulus, first_poisson = layers[0][1:] if len(layers) else (last_modulus, last_poisson)
     softness = first_modulus / (1 - first_poisson**2) / tube_modulus * np.minimum(outer_height / wall, 1.0)
-    softest = np.minimum.reduce([last_material[0], *(layer[1] for layer in layers)])
+    softest = np.minimum.reduce([last_modulus, *(layer[1] for layer in layers)])
     totals = forces.sum(axis=2)
     features = {
         "soft tube": np.log(0.1 + softness / (1 + softness)),
@@ -159,10 +165,15 @@ def compute_features(shape: Shape, values: Floats, forces: Floats, derivatives: 
         "large tumour": np.log1p(np.maximum.reduce([none, *(2 * body[0] / radius for body in bodies)])),
         "opposed forces": np.log((np.abs(forces).sum(axis=2) / totals).max(axis=1)),
         "softer layers": np.log(np.minimum(first_modulus / softest, MAX_SOFTNESS)),
+        "squeezed layer": none,
         "far sides": none,
         "near sides": none,
         "target": np.log(1e-7 + np.abs(derivatives.sum(axis=2) / totals).sum(axis=1)),
     }
+    if shape.layers:
+        bottom, upper_layers = depth if shape.bounded else None, tuple(TissueLayer(*layer) for layer in layers)
+        tissue = Tissue(bottom, last_modulus, last_poisson, layers=upper_layers)
+        features["squeezed layer"] = np.log1p(compute_squeezes(radius, tissue.stack))
     if shape.bounded:
         if shape.side_nodes:
             features["near sides"] = np.log1p(radius / side)

@@ -24,7 +24,7 @@ CONSTANT = {  # one value, or one for each of a few numbers of points
     "solver.closed_form.lateral_boundary._build_wave_rule": "at most 16 rules of Gauss",
     "solver.closed_form.off_axis._build_pairs": "at most 4 lists of pairs",
     "solver.closed_form.tractions.build_wave_rule": "at most 64 rules of Gauss",
-    "solver.closed_form.error_quantile.read_quantiles": "the two stored tables",
+    "solver.closed_form.error_quantile.read_quantiles": "the three stored tables",
     "solver.closed_form.film_blocks.load_table": "two tables of 0.5 MB at most",
     "solver.closed_form.film_loads._build_plain_rule": "two rules of some hundred numbers",
     "solver.closed_form.film_loads._compute_mass_numbers": "two sets of some hundred numbers",
