@@ -62,6 +62,6 @@ def compute_squeezes(radius: Floats, stack: Sequence[TissueLayer]) -> Floats:
     assert near_echo is not None
     changes = compute_compliance_change(stack[0], near_echo)
     # H + (C - H) of eq. LY.2, the compliance times 2 mu k, under pressure and under shear
-    compliances = [own + change for own, change in zip(stack[0].half_space[:2], changes[:2], strict=True)]
+    compliances = [alone + change for alone, change in zip(stack[0].half_space[:2], changes[:2], strict=True)]
     squeezes: Floats = np.max([part.max(axis=1) / part[:, 0] - 1 for part in compliances], axis=0)
     return squeezes
