@@ -68,12 +68,13 @@ def _choose(scene: Scene, fineness: MeridianFineness) -> StackFineness | None:
         return StackFineness(fineness.layers + 1, (rows, rows, rows), 2, WALL_RATIO)
     bonds = [bond for film in scene.probe.film.by_block for bond in film.bonds]
     is_soft, is_stiff = ([_is_of_kind(bond, stiff) for bond in bonds] for stiff in (False, True))
-    floats = any(is_soft) and not any(is_stiff)  # perhaps beside a rigid bond, but on no tape or glue that clamps it
+    # a film that floats, perhaps beside a rigid bond, or is glued on both sides alike; else tape or glue clamps one side
+    is_even = all(is_stiff) or (any(is_soft) and not any(is_stiff))
     if fineness.order == 5:
-        return COARSE if floats or all(is_stiff) else MIDDLE
+        return COARSE if is_even else MIDDLE
     if fineness.layers > 1:
         return COARSE
-    return ONE_ROW if floats else LIGHT
+    return ONE_ROW if is_even else LIGHT
 
 
 def _is_of_kind(bond: Bond, stiff: bool) -> bool:
