@@ -10,7 +10,7 @@ force: the same scene without film charges. ``contact`` takes a third of the rep
 
 ``--random N`` evaluates N random probes by ``axisymmetric`` instead, films with one of eight kinds of bond, and prints the median
 and the largest quotient of each accuracy. A time is the shorter of two, after an evaluation that builds tables. N = 50
-takes four minutes of processor.
+takes two minutes of processor.
 
 Duration: six minutes of processor.
 """
