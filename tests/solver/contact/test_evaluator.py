@@ -122,7 +122,7 @@ def test_sharp_edges_on_which_faces_slide_are_within_the_stated_error() -> None:
     assert linear.error_estimate is not None
     assert loaded.error_estimate is not None
     assert loaded.ratio == pytest.approx(linear.ratio, rel=linear.error_estimate + loaded.error_estimate)
-    assert loaded.error_estimate < 5e-4
+    assert loaded.error_estimate < linear.error_estimate + 5e-4  # it contains the error of the linear solution, too
 
 
 @pytest.mark.slow
