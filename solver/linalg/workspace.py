@@ -114,13 +114,22 @@ class Workspace:
         with self._lock:
             if sum(entry.max_bytes for entry in self._entries.values()) + wanted <= self.limit:
                 return  # even grown values fit: measuring them again takes as long as assembling a small mesh
+            self._measure_used()
+            if sum(entry.bytes for entry in self._entries.values()) + wanted <= self.limit:
+                return
             held = self._measure()
-            free = FREE_SHARE * self.limit if held + wanted > (1 - FREE_SHARE / 2) * self.limit else 0.0
             for key in [key for key, entry in self._entries.items() if entry.used != self._evaluation]:
-                if held + wanted <= self.limit - free:
+                if held + wanted <= (1 - FREE_SHARE) * self.limit:
                     break
                 held -= self._entries.pop(key).bytes
         give_back(RETURNED_SHARE * self.limit)
+
+    def _measure_used(self) -> None:
+        """Measure again the values that may have grown; arrays that they share with others are counted twice."""
+        counted: set[int] = set()
+        for entry in self._entries.values():
+            if not entry.fixed and entry.used >= entry.measured:
+                entry.bytes, entry.measured = measure_bytes(entry.value, counted), self._evaluation
 
     def _measure(self, counted: set[int] | None = None) -> int:
         """Measure all values again, as some grow, and return their bytes in all; ``counted`` as of ``measure_bytes``.
