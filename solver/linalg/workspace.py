@@ -28,7 +28,6 @@ LIMIT_VARIABLE = "PROBE_DESIGN_MEMORY"  # the environment variable: GB that the 
 DEFAULT_LIMIT_GB = 1.0  # GB
 MAX_GROWTH_FACTOR = 4.0  # most that values may have grown since they were measured, as patterns do with their factors
 FREE_SHARE = 0.25  # of the limit, made free where values are dropped: measuring hundreds of them takes longer than an evaluation
-RETURNED_SHARE = 1.0  # of the limit: less freed memory stays with the C library, as new pages took a quarter of an evaluation
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -79,7 +78,7 @@ class Workspace:
     def begin(self) -> None:
         """Begin an evaluation: values from earlier ones may be dropped from now on."""
         self._evaluation += 1
-        give_back(RETURNED_SHARE * self.limit)
+        give_back(self.limit)  # less freed memory stays with the C library: new pages took a quarter of an evaluation
 
     def keep(self, key: Hashable, make: Callable[[], T], fixed: bool = False) -> T:
         """Return the value under a key; compute it if there is none.
@@ -122,7 +121,7 @@ class Workspace:
                 if held + wanted <= (1 - FREE_SHARE) * self.limit:
                     break
                 held -= self._entries.pop(key).bytes
-        give_back(RETURNED_SHARE * self.limit)
+        give_back(self.limit)
 
     def _measure_used(self) -> None:
         """Measure again the values that may have grown; arrays that they share with others are counted twice."""
