@@ -44,7 +44,7 @@ from probe_design.built_probe.block_predictions import (
 from probe_design.built_probe.calibration import fit_bonds
 from probe_design.built_probe.gain_fit import estimate_gains
 from probe_design.built_probe.gains import Gains, Observation
-from probe_design.built_probe.reference_charges import compute_charge_unit, scale_bonds
+from probe_design.built_probe.reference_charges import compute_charge_units, scale_bonds
 from probe_design.estimation.estimate import estimate
 from probe_design.estimation.intervals import OPEN_INTERVAL
 from probe_design.estimation.measurements import Reading
@@ -170,7 +170,7 @@ def measure(seed: int, *, as_drawn: bool = False) -> Outcome:
     random = np.random.default_rng([7, seed])
     scene, log_bonds, sides = draw_scene(random)
     bench = build_bench("stuck" if random.random() < 0.5 else "frictionless")
-    unit, built = compute_charge_unit(scene), scale_bonds(scene, log_bonds)
+    unit, built = compute_charge_units(scene), scale_bonds(scene, log_bonds)
     matrix = np.eye(2) + 0.05 * np.diag(random.standard_normal(2)) + 0.01 * (1 - np.eye(2)) * random.standard_normal((2, 2))
     # where the fit ends does not depend on where it starts: from the drawing, or, in half the time, from the bonds as built
     start = predict_blocks(scene, bench.reference, log_bonds, variables=(), limit_loads=False)

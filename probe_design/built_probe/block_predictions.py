@@ -2,7 +2,7 @@
 
 Where readings are stresses, only ln rho is predicted, rho = F_inner / F_outer with the films' forces F on a block of tissue:
 their sum is the load, for any probe and tissue. Where they are charges, F is each film's charge over one unit of charge per force
-(``reference_charges.compute_charge_unit``); the sum is then sigma times the load, and ln sigma is predicted on every reference.
+(``reference_charges.compute_charge_units``); the sum is then sigma times the load, and ln sigma is predicted on every reference.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from probe_design.built_probe.reference_charges import (
     FILM_KEYS,
     BondModulus,
     LoadFactor,
-    compute_charge_unit,
+    compute_charge_units,
     find_bond_log_sd,
     find_film_tolerance,
     is_bond_modulus,
@@ -206,7 +206,7 @@ def predict_blocks(
     reads_charges, by_radius = reads_film_states(scene), scale_bonds(drawn, log_bonds)
     chosen = list_values(by_radius) if variables is None else variables
     names = tuple(key for key in chosen if key.startswith("probe.")) if previous is None else previous.variables[:-1]
-    unit = abs(compute_charge_unit(scene)) if reads_charges else 1.0
+    unit = float(abs(compute_charge_units(scene)[0])) if reads_charges else 1.0
     limit_loads = limit_loads and (previous is None or any(block.rule is not None for block in previous.blocks))
     blocks: list[BlockPrediction] = []
     factors: list[LoadFactor] = []

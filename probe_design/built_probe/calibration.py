@@ -194,7 +194,7 @@ def calibrate(
         offsets=offsets.mean(axis=0),
         offsets_sd=scatter,
         readings=readings.observations,
-        warnings=(*fit_warnings, *_list_gain_warnings(gains, bench), *_list_omitted_films(scene), *readings.warnings),
+        warnings=(*fit_warnings, *_list_gain_warnings(gains, bench), *list_omitted_films(scene), *readings.warnings),
     )
 
 
@@ -270,15 +270,20 @@ def _list_gain_warnings(gains: Gains, bench: Bench) -> list[str]:
     return warnings
 
 
-def _list_omitted_films(scene: Scene) -> list[str]:
-    """List what gains leave out of films whose charges are not predicted, one line or none."""
+def list_omitted_films(scene: Scene) -> list[str]:
+    """List what gains leave out of films whose charges are not predicted: one line, or none where they are."""
     film = scene.probe.film
-    if reads_film_states(scene) or film is None:
+    if reads_film_states(scene):
         return []
-    key = "psi1 and psi2" if film.uses_psi else "[reading] observable"
+    if film is None:
+        reason = "as the scene has no [probe.film]"
+    elif film.uses_psi:
+        reason = "by psi1 and psi2 of the scene"
+    else:
+        reason = "as [probe.film] has no bonds" if scene.reading.observable is None else "by [reading] observable of the scene"
     return [
-        f"a film's charge is taken as a multiple of its force, by {key} of the scene: of a bonded film it is none, and gains "
-        "from pins or blocks leave an error of up to 40 % of the ratio; give the bonds in [probe.film], and read charges"
+        f"a film's charge is taken as a multiple of its force, {reason}: of a bonded film it is none, and gains from pins or "
+        "blocks leave an error of up to 40 % of the ratio; give the bonds in [probe.film], and read charges"
     ]
 
 

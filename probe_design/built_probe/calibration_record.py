@@ -27,7 +27,7 @@ from probe_design.built_probe.bench import Bench, bench_from_dict
 from probe_design.built_probe.calibration import Calibration
 from probe_design.built_probe.gains import ENTRY_NAMES, BondFactor, Finite, ForceScale, Gains
 from probe_design.built_probe.probe_identity import MAX_SERIAL_LENGTH
-from probe_design.built_probe.reference_charges import compute_charge_unit
+from probe_design.built_probe.reference_charges import compute_charge_units
 
 RECORD_FORMAT: Literal["probe-design calibration"] = "probe-design calibration"
 RECORD_VERSION: Literal[2] = 2
@@ -95,7 +95,7 @@ class CalibrationRecord(Frozen):
     warnings: Listed[tuple[str, ...]]
     reading: Listed[tuple[ReadingRecord, ...]]
     force_scale: ForceScale = ForceScale()
-    charge_unit: Finite
+    charge_unit: Finite | Row  # a row: of inner and outer film, which differ
     bonds: BondFactor | None = None
     scene: JsonObject
     bench: JsonObject
@@ -159,6 +159,7 @@ def build_record(calibration: Calibration, raw: Sequence[Raw], device: str, seri
         Serial number of its board, if all readings have the same one.
     """
     gains = {name: getattr(calibration.gains, name) for name in GAIN_FIELDS}
+    units = compute_charge_units(calibration.scene).tolist()
     readings = tuple(
         ReadingRecord(
             on=observation.reference.name, films=tuple(observation.films.tolist()),
@@ -174,7 +175,7 @@ def build_record(calibration: Calibration, raw: Sequence[Raw], device: str, seri
             "format": RECORD_FORMAT, "version": RECORD_VERSION, "software": f"probe-design {version(DISTRIBUTION)}",
             "date": datetime.now(UTC).isoformat(timespec="seconds"), "device": device, "serial": serial or "",
             "frequency": calibration.frequency, "entries": ENTRY_NAMES[: len(calibration.gains.covariance)],
-            "charge_unit": compute_charge_unit(calibration.scene), "variables": calibration.variables,
+            "charge_unit": units[0] if units[0] == units[1] else tuple(units), "variables": calibration.variables,
             "offsets": tuple(calibration.offsets.tolist()), "offsets_sd": tuple(calibration.offsets_sd.tolist()),
             "warnings": calibration.warnings, "reading": readings, "scene": scene_to_dict(calibration.scene),
             "bench": calibration.bench.model_dump(mode="json", exclude_none=True),

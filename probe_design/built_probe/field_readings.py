@@ -50,7 +50,7 @@ class FieldReading:
     Attributes
     ----------
     ratio
-        Stress ratio as read.
+        Of charges or stresses, as the scene reads.
     noise
         Relative standard deviation of ``ratio`` due to the reading's own noise.
     shared
@@ -167,6 +167,11 @@ def parse_field_reading(contents: JsonObject, name: str, scene: Scene) -> FieldR
         The object is no reading, its ratio is null, or it is of another probe.
     """
     _check_probe(contents, name, scene)
+    observable = contents.get("observable", "stress")  # older readings are of stresses
+    if observable != scene.observable:
+        kind = "charges" if scene.observable == "charge" else "stresses"
+        read = f"a ratio of {kind}, which the scene reads ([reading] observable; by default charges of films with bonds)"
+        raise InputError(f"{name}: observable", observable, f"{read}; read the recording again, with `probe-design read SCENE`")
     fingerprint = Fingerprint.from_dict(contents.get("fingerprint"))
     if fingerprint is None:
         entry = Words("missing" if "fingerprint" not in contents else "no fingerprint")

@@ -15,7 +15,7 @@ from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.gains import Observation
 from probe_design.built_probe.load_plausibility import check_pressed
-from probe_design.built_probe.reference_charges import compute_charge_unit
+from probe_design.built_probe.reference_charges import compute_charge_units
 from probe_design.built_probe.timing_errors import count_force_lag, count_rate_error
 
 PYROELECTRIC_COEFFICIENT = 30e-6  # C / (m^2 K), PHYSICS.md section 6: of PVDF
@@ -108,11 +108,13 @@ def compute_film_forces(measurement: Measurement, scene: Scene, tolerance: bool 
     tolerance
         Whether the covariance includes the tolerances of the amplifiers' parts.
     """
-    per_newton = abs(compute_charge_unit(scene))
-    if per_newton == 0:
+    units = compute_charge_units(scene)
+    if not units.all():
         raise InputError("probe.film.d33", Words("no charge per force"), "psi1 d31 + psi2 d32 + d33 other than 0")
     covariance = measurement.in_phase_covariance + (measurement.in_phase_tolerance if tolerance else 0.0)
-    return measurement.in_phase / per_newton, covariance / per_newton**2
+    # charges in phase with their sum have its sign, whatever that of the films' units: the sum of the forces is positive
+    per_newton = units * np.sign((measurement.in_phase / units).sum())
+    return measurement.in_phase / per_newton, covariance / np.outer(units, units)
 
 
 def bound_warming(measurement: Measurement, bench: Bench, probe: Probe) -> Floats:
@@ -133,4 +135,4 @@ def bound_warming(measurement: Measurement, bench: Bench, probe: Probe) -> Float
 def compute_newtons_per_kelvin(scene: Scene) -> Floats:
     """Return for each film the force that gives the same charge as warming by 1 K, N/K, shape (2,)."""
     areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
-    return np.asarray(PYROELECTRIC_COEFFICIENT * areas / abs(compute_charge_unit(scene)))
+    return np.asarray(PYROELECTRIC_COEFFICIENT * areas / abs(compute_charge_units(scene)))

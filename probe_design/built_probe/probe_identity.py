@@ -14,6 +14,7 @@ from geometry.common.errors import InputError, Words
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import list_values
 from probe_design.built_probe.block_predictions import express_by_outer_radius
+from solver.results.film_charges import reads_film_states
 
 CHARGE_KEY = "probe.film charge per force"
 RELATIVE_TOLERANCE = 1e-9  # relative difference within which two numbers are equal
@@ -46,6 +47,15 @@ def describe_probe_difference(numbers: Mapping[str, float], scene: Scene) -> str
         if not math.isclose(numbers[key], value, rel_tol=RELATIVE_TOLERANCE):
             return f"{key} is {numbers[key]:.6g} there and {value:.6g} in the scene, SI units"
     return None if numbers.keys() == wanted.keys() else "it has parts there that the scene's has not"
+
+
+def describe_contrast(recorded: Scene, scene: Scene) -> str | None:
+    """Describe what a calibration for ``recorded`` should be for a scene that reads the other of charges and forces, or None."""
+    if reads_film_states(recorded) == reads_film_states(scene):
+        return None
+    kinds = ("gains of forces", "scales of the films' charges")
+    made, wanted = (kinds[reads_film_states(item)] for item in (recorded, scene))
+    return f"one of {wanted}, as the scene's films and [reading] observable want; it holds {made}"
 
 
 def read_board_serial(source: Mapping[str, object]) -> str | None:

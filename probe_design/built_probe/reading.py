@@ -10,6 +10,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.percent import format_percent
 from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Observable
 from hw.common.samples import FILM_NAMES
 from hw.signal.covariance import propagate_covariance
 from hw.signal.measurement import Measurement
@@ -19,7 +20,7 @@ from probe_design.built_probe.film_forces import compute_film_forces
 from probe_design.built_probe.gains import ForceScale, Gains
 from probe_design.built_probe.load_plausibility import check_film_sum, check_scene_load
 from probe_design.built_probe.ratio_phase import SD_PER_BOUND, add_ratio_phase, compare_ratio_phase, compute_ratio_phase
-from probe_design.built_probe.reference_charges import compute_charge_unit
+from probe_design.built_probe.reference_charges import compute_charge_units
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.contact.evaluator import ContactEvaluator
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
@@ -57,6 +58,8 @@ class StressReading(Record):
         Of the load, Hz.
     cycles
         Of it in the record.
+    observable
+        What the ratio is of, "charge" or "stress": what the scene reads.
     ratio_phase, ratio_phase_uncertainty
         By which stress_inner leads stress_outer, rad, counted from the ratio's sign.
     predicted_ratio_phase, z_ratio_phase
@@ -94,6 +97,7 @@ class StressReading(Record):
     z_stress_outer: float | None
     frequency: float
     cycles: float
+    observable: Observable
     ratio_phase: float
     ratio_phase_uncertainty: float
     predicted_ratio_phase: float | None
@@ -183,6 +187,9 @@ def compute_reading(
     )
     relative_sd = None if predicted_error is None else SD_PER_BOUND * predicted_error
     predicted_ratio_sd = None if predicted_ratio is None or relative_sd is None else abs(predicted_ratio) * relative_sd
+    # where eq. (12) gives charges, they are multiples of the forces, which differ where the films do
+    units = compute_charge_units(scene)
+    charge_factor = float(units[0] / units[1]) if scene.observable == "charge" else 1.0
     is_scale_unknown = gains is None and bench.force is not None and not bench.force.verified
     scale_sd = unshared_force_sd / abs(force) if is_scale_unknown else 0.0
     predictions = _predict_at_load(measurement, scene, bench, predicted, scale=scale, scale_sd=scale_sd)
@@ -195,8 +202,8 @@ def compute_reading(
     z_phase, phase_warnings = compare_ratio_phase(phase, phase_sd, predicted)
     exchange_warnings = _warn_of_exchange(films, used_gains, predicted_ratio, z_ratio, areas)
     return StressReading(
-        ratio=ratio,
-        ratio_uncertainty=ratio_sd,
+        ratio=None if ratio is None else ratio * charge_factor,
+        ratio_uncertainty=None if ratio_sd is None else ratio_sd * abs(charge_factor),
         stress_inner=float(stresses[0]),
         stress_inner_uncertainty=float(stress_sds[0]),
         stress_outer=float(stresses[1]),
@@ -205,8 +212,8 @@ def compute_reading(
         force_uncertainty=force_sd,
         reference_force=None if measurement.force is None else measurement.force / scale.factor,
         evaluator=predicted.evaluator,
-        predicted_ratio=predicted_ratio,
-        predicted_ratio_uncertainty=predicted_ratio_sd,
+        predicted_ratio=None if predicted_ratio is None else predicted_ratio * charge_factor,
+        predicted_ratio_uncertainty=None if predicted_ratio_sd is None else predicted_ratio_sd * abs(charge_factor),
         predicted_stress_inner=predictions[0][0],
         predicted_stress_outer=predictions[1][0],
         z_ratio=z_ratio,
@@ -214,6 +221,7 @@ def compute_reading(
         z_stress_outer=z_outer,
         frequency=measurement.fit.frequency,
         cycles=measurement.fit.cycles,
+        observable=scene.observable,
         ratio_phase=phase,
         ratio_phase_uncertainty=phase_sd,
         predicted_ratio_phase=predicted.ratio_phase,
@@ -239,7 +247,7 @@ def _predict_read_ratio(scene: Scene, predicted: Result) -> tuple[Floats, float 
     per_force = predicted.charge_per_force_inner, predicted.charge_per_force_outer
     if per_force[0] is None or per_force[1] is None:
         return np.ones(2), predicted.charge_ratio, predicted.charge_ratio_error
-    factors = compute_charge_unit(scene) / np.array(per_force, dtype=float)
+    factors = compute_charge_units(scene) / np.array(per_force, dtype=float)
     return factors, predicted.charge_ratio, predicted.charge_ratio_error
 
 

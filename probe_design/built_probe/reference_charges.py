@@ -120,16 +120,17 @@ class LoadFactor:
         return replace(self, variance=self.variance + (PIN_CHANGE_PER_STRAIN * strain) ** 2 / 3)
 
 
-def compute_charge_unit(scene: Scene) -> float:
-    """Return the unit c of charge per force, C/N: where readings are charges, the films' mean under an even pressure.
+def compute_charge_units(scene: Scene) -> Floats:
+    """Return the units of charge per force of inner and outer film, C/N, shape (2,).
 
-    Otherwise it is that of the scene's film by eq. (12), or of the default film if it has none.
+    Where readings are charges, both are c, the films' mean under an even pressure. Otherwise each is that of its film by eq.
+    (12), or of the default film if the scene has none.
     """
     film = scene.probe.film or Film()
     if not reads_film_states(scene):
-        return film.charge_per_force
+        return np.array([block_film.charge_per_force for block_film in film.by_block])
     blocks = (build_pressed_block(scene.probe, k, "pressure", None) for k in (0, 1))
-    return float(np.mean([_press_once(block).charge_per_force for block in blocks]))
+    return np.full(2, np.mean([_press_once(block).charge_per_force for block in blocks]))
 
 
 def build_pressed_block(probe: Probe, k: int, load: Load, pressed: tuple[float, float] | None) -> PressedBlock:

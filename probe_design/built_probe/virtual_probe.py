@@ -17,7 +17,7 @@ from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.block_predictions import build_block_scene, express_by_outer_radius, solve_block
 from probe_design.built_probe.loaded_blocks import PressedReference, find_departure, find_linear_limit, find_reference_load
 from probe_design.built_probe.reference_charges import (
-    compute_charge_unit,
+    compute_charge_units,
     compute_pin_charge,
     find_bond_log_sd,
     find_pin_load,
@@ -105,14 +105,14 @@ def build_signals(
         For its film, as drawn.
     forces
         Amplitudes of both films' forces, N, perhaps complex, shape (2,); where readings are charges, these over
-        ``reference_charges.compute_charge_unit`` of the scene.
+        ``reference_charges.compute_charge_units`` of the scene.
     seed
         Of the noise.
     load
         Amplitude of the load, N; None for the sum of ``forces``.
     """
     frequency = built.frequency * bench.load.frequency
-    charges = compute_charge_unit(scene) * np.array(built.gains) @ forces
+    charges = compute_charge_units(scene) * (np.array(built.gains) @ forces)
     amplifiers = built.build_amplifiers(bench.amplifier.build_films())
     sensitivity = built.force * (0.0 if bench.force is None else bench.force.sensitivity)
     total = forces.sum() if load is None else load
@@ -187,7 +187,7 @@ class VirtualBench:
         if reads_film_states(self.scene):
             if result.charge_inner is None or result.charge_outer is None:
                 raise Refusal("scene", result.evaluator, "one whose films' charges are computed")
-            forces = np.array([result.charge_inner, result.charge_outer]) / compute_charge_unit(self.drawn)
+            forces = np.array([result.charge_inner, result.charge_outer]) / compute_charge_units(self.drawn)
         x, y = self.scene.placement.x, self.scene.placement.y
         # the bits of the position seed the noise
         place = np.array([x, y], dtype=np.float32).view(np.uint32).tolist()  # other noise elsewhere
@@ -214,7 +214,7 @@ class VirtualBench:
         Where readings are charges, these are the charges over the drawing's unit of charge per force.
         """
         probe = express_by_outer_radius(self.as_built)
-        unit = compute_charge_unit(self.drawn) if reads_film_states(self.scene) else 1.0
+        unit = compute_charge_units(self.drawn) if reads_film_states(self.scene) else 1.0
         return np.array([_read_films(probe, item, load) for item, load in zip(delivered, loads, strict=True)]) / unit
 
     def _build_signals(self, forces: Floats | Complexes, load: float | complex, *run: int) -> Callable[[Floats], Floats]:

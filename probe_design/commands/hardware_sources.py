@@ -29,7 +29,7 @@ from probe_design.built_probe.block_predictions import express_by_outer_radius
 from probe_design.built_probe.calibration_record import CalibrationRecord, Raw, read_record
 from probe_design.built_probe.gains import Gains
 from probe_design.built_probe.hidden_tumours import read_hidden_tumours
-from probe_design.built_probe.probe_identity import describe_probe_difference, list_probe_numbers
+from probe_design.built_probe.probe_identity import describe_contrast, describe_probe_difference, list_probe_numbers
 from probe_design.built_probe.reference_charges import scale_bonds
 from probe_design.built_probe.virtual_probe import SAMPLE_RATE_HZ, VOLTS_PER_COUNT, VirtualBench
 from probe_design.commands.hardware_request import ALLOWED_SOURCES, SourceRequest
@@ -198,6 +198,8 @@ class HardwareSetup:
         )
         if difference is not None:
             raise InputError("calibration", str(calibration), f"one of this probe: {difference}")
+        if recorded_scene is not None and (contrast := describe_contrast(recorded_scene, setup.scene)) is not None:
+            raise InputError("calibration", str(calibration), f"{contrast}: calibrate again")
         if recorded_bench is not None and recorded_bench.amplifier != setup.bench.amplifier:
             raise InputError("calibration", str(calibration), "one with this bench's amplifier")
         return setup

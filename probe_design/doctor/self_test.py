@@ -14,7 +14,7 @@ from hw.signal.amplifier import TooSlow
 from hw.signal.sine_fit import NoSine, SineFit, check_rate, fit_stretch
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.reading import predict_scene
-from probe_design.built_probe.reference_charges import compute_charge_unit
+from probe_design.built_probe.reference_charges import compute_charge_units
 from probe_design.doctor.finding import Finding
 
 BOLTZMANN_CONSTANT, ROOM_TEMPERATURE_K = 1.380649e-23, 295.0  # J/K, K
@@ -204,7 +204,8 @@ def _check_polarity(samples: Samples, fit: SineFit, scene: Scene, bench: Bench) 
         charges = fit.amplitudes[:2] / [amplifier.response(fit.frequency) for amplifier in bench.amplifier.build_films()]
     except TooSlow as fault:
         return [Finding("polarity", "fault", str(fault))]
-    films = charges / (fit.amplitudes[2] if known else charges[1]) * (np.sign(compute_charge_unit(scene)) if known else 1.0)
+    signs = np.sign(compute_charge_units(scene))
+    films = signs * charges / (fit.amplitudes[2] if known else signs[1] * charges[1])
     reference = "the force" if known else "the outer film"
     findings = []
     for name, film in zip(samples.channels[: 2 if known else 1], films, strict=False):

@@ -21,7 +21,7 @@ from geometry.scenes.scene import Scene
 from geometry.workshop.parts import build_section_outlines
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import compute_inner_fractions, predict_blocks
-from probe_design.built_probe.reference_charges import compute_charge_unit, find_pin_load
+from probe_design.built_probe.reference_charges import compute_charge_units, find_pin_load
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,8 +59,8 @@ def compute_expected_signals(scene: Scene, bench: Bench) -> tuple[ExpectedSignal
     loads = [item.known_force or min(load, limits[item]) for item in bench.reference]
     pressed = predictions.apply_forces(loads, bench.reference, linear=False)
     sums = [math.exp(factor.log) for factor in pressed.load_factors] or [1.0] * len(loads)
-    charge = compute_charge_unit(scene)
-    inner, outer = (abs(charge * amplifier.response(bench.load.frequency)) for amplifier in bench.amplifier.build_films())
+    responses = [amplifier.response(bench.load.frequency) for amplifier in bench.amplifier.build_films()]
+    inner, outer = abs(compute_charge_units(scene) * responses).tolist()
     parts = compute_inner_fractions(pressed.log_ratios, bench.reference).tolist()
     return tuple(
         ExpectedSignal(item.name, force, part, (force * total * inner * part, force * total * outer * (1 - part)))

@@ -12,7 +12,7 @@ from geometry.common.errors import InputError, Words
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Inclusion, Load
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.reference_charges import compute_charge_unit
+from probe_design.built_probe.reference_charges import compute_charge_units
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from probe_design.locating.prior import TumourPrior
 from probe_design.populations.film_totals import stack_totals
@@ -104,7 +104,7 @@ class VirtualTissue:
         # noise of pressing: the inner film against the outer one
         spread = np.hypot(self.noise.white, self.noise.tilt) * rng.standard_normal() * np.array([0.5, -0.5])
         forces = totals[:2] * indentation
-        read = forces if len(totals) == 2 else totals[2:] * indentation / compute_charge_unit(sampler.scene)
+        read = forces if len(totals) == 2 else totals[2:] * indentation / compute_charge_units(sampler.scene)
         return build_signals(
             BuiltProperties(), self.bench, sampler.scene, read * np.exp(spread), [self.seed, number], load=float(forces.sum())
         )

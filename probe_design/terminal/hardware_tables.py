@@ -23,6 +23,7 @@ MAX_PAIRS = 3
 def build_reading_table(reading: StressReading) -> Table:
     """Return a reading as a table: measured, predicted, and their difference z in standard deviations."""
     title = f"{reading.cycles:.4g} cycles of {reading.frequency:.5g} Hz; predicted by {reading.evaluator}"
+    title += "; ratio of charges" if reading.observable == "charge" else ""
     quantities = {
         "ratio": "ratio",
         "ratio_phase": "phase of the ratio, rad",

@@ -14,18 +14,19 @@ from geometry.scenes.film import Film
 from geometry.scenes.variables import list_values
 from probe_design.built_probe.bench import Reference, bench_from_dict
 from probe_design.built_probe.block_predictions import predict_blocks, solve_block
-from probe_design.built_probe.calibration import Calibration
+from probe_design.built_probe.calibration import Calibration, list_omitted_films
 from probe_design.built_probe.calibration_record import Raw, build_record, read_record, write_record
 from probe_design.built_probe.film_forces import measure_samples
 from probe_design.built_probe.reading import compute_reading, predict_scene
 from probe_design.built_probe.reference_charges import (
-    compute_charge_unit,
+    compute_charge_units,
     compute_pin_charge,
     find_bond_log_sd,
     predict_pin,
     scale_bonds,
 )
 from probe_design.built_probe.virtual_probe import VirtualBench, find_pressing_load
+from probe_design.commands.hardware_sources import HardwareSetup
 from solver.results.film_charges import reads_film_states
 from tests.support.film_scenes import build_scene, read_cases
 from tests.support.hw.benches import BENCH, calibrate, check, sampled, scene
@@ -113,7 +114,7 @@ def test_pins_give_the_charges_of_an_independent_code(name: str) -> None:
 
 
 def test_a_contact_that_is_unknown_counts_as_an_error() -> None:
-    taped, unit = build_taped(), abs(compute_charge_unit(build_taped()))
+    taped, unit = build_taped(), abs(float(compute_charge_units(build_taped())[0]))
     unknown, sliding, stuck = (
         predict_pin(taped, Reference(on="outer", contact=contact), (), unit)  # type: ignore[arg-type]
         for contact in (None, "frictionless", "stuck")
@@ -204,7 +205,7 @@ def test_a_record_keeps_the_charges_and_the_bonds(tmp_path: Path, virtual: Virtu
     assert gains.bonds == calibration.gains.bonds
     np.testing.assert_allclose(gains.covariance, calibration.gains.covariance, rtol=1e-12)
     assert again.entries[-1] == "ln bonds"
-    charge = abs(again.charge_unit) * again.reading[0].films[0]  # C, as measured under the pin
+    charge = abs(np.float64(again.charge_unit)) * again.reading[0].films[0]  # C, as measured under the pin
     expected = virtual.built.gains[0][0] * abs(compute_pin_charge(virtual.as_built, FILM_BENCH.reference[0])) * LOAD
     assert charge == pytest.approx(expected, rel=0.04)  # parts of the amplifiers
     damaged = (tmp_path / "probe.toml").read_text().replace("log_factor", "log_factors")
@@ -213,15 +214,35 @@ def test_a_record_keeps_the_charges_and_the_bonds(tmp_path: Path, virtual: Virtu
         read_record(tmp_path / "damaged.toml")
 
 
+def test_a_calibration_of_charges_is_none_of_forces(calibration: Calibration) -> None:
+    """The same probe, read by stress or by eq. (12), takes gains, which are other numbers: seven times larger on tape."""
+    record = build_record(calibration, [Raw("0" * 64)] * len(calibration.readings), "virtual")
+    assert HardwareSetup.from_scene(calibration.scene, None, record).gains is not None
+    with pytest.raises(InputError, match=r"one of gains of forces, as the scene's .* it holds scales of the films' charges"):
+        HardwareSetup.from_scene(calibration.scene.replace({"reading.observable": "stress"}), None, record)
+
+
 def test_gains_alone_say_what_they_leave_out() -> None:
-    """Where psi is given, or stresses are read, a charge stays a multiple of the force."""
+    """Where psi is given, or stresses are read, a charge stays a multiple of the force; so it does without films or bonds."""
     taped = build_taped()
     assert reads_film_states(taped)
     for changes in ({"reading.observable": "stress"}, {"probe.film.psi1": 0.0}):
         plain = taped.replace(changes)
         assert not reads_film_states(plain)
-        assert compute_charge_unit(plain) == pytest.approx(-20e-12)
+        assert compute_charge_units(plain) == pytest.approx(-20e-12)
         assert predict_blocks(plain, FILM_BENCH.reference[:1]).load_factors == ()
+    rigid = scene().model_copy(update={"probe": scene().probe.model_copy(update={"film": Film()})})
+    reasons = {
+        "by [reading] observable of the scene": taped.replace({"reading.observable": "stress"}),
+        "by psi1 and psi2 of the scene": taped.replace({"probe.film.psi1": 0.0}),
+        "as [probe.film] has no bonds": rigid,
+        "as the scene has no [probe.film]": scene(),
+    }
+    for reason, plain in reasons.items():
+        (line,) = list_omitted_films(plain)
+        assert f"multiple of its force, {reason}: " in line
+        assert "up to 40 % of the ratio" in line
+    assert list_omitted_films(taped) == list_omitted_films(rigid.replace({"reading.observable": "charge"})) == []
 
 
 def test_keys_of_pins_are_refused_on_tissue() -> None:

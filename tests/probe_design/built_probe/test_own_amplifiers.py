@@ -10,7 +10,7 @@ from hw.signal.reading_fit import ReadingFit
 from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import bench_from_dict
 from probe_design.built_probe.film_forces import bound_warming, measure_reading, measure_samples
-from probe_design.built_probe.reference_charges import compute_charge_unit
+from probe_design.built_probe.reference_charges import compute_charge_units
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from tests.support.hw.benches import BENCH, sampled, scene
 from tests.support.hw.fits import measure_samples as measure_fit
@@ -29,7 +29,7 @@ def test_charges_behind_each_film_s_own_amplifier() -> None:
     )
     with pytest.raises(Flawed, match="amplifiers that are not the bench's"):
         measure_samples(samples, BENCH)
-    np.testing.assert_allclose(measurement.in_phase / abs(compute_charge_unit(scene())), FORCES, rtol=2e-3)
+    np.testing.assert_allclose(measurement.in_phase / abs(compute_charge_units(scene())), FORCES, rtol=2e-3)
     # V = -Q / Cf * jwt / (1 + jwt): twice the capacitance is twice the charge; a tenth of the resistance ten times the corner
     turn = 2j * np.pi * measurement.fit.frequency
     charge_per_volt = [c * (1 + turn * tau) / (turn * tau) for c, tau in ((2e-9, 2.0), (1e-9, 0.1))]
