@@ -151,7 +151,8 @@ class Film(Frozen):
         if not isinstance(table, Mapping) or not any(key in table for key in ADHESIVE_KEYS):
             return table
         if "bond_to_base" in table:
-            raise InputError("adhesive_thickness", Words("beside bond_to_base"), "bond_to_base alone")
+            given = next(key for key in ADHESIVE_KEYS if key in table)
+            raise InputError(given, Words("beside bond_to_base"), "bond_to_base alone")
         film = {key: value for key, value in table.items() if key not in ADHESIVE_KEYS}
         thickness, modulus = (table.get(key) for key in ADHESIVE_KEYS)
         if thickness is None:

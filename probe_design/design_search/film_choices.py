@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
-from geometry.common.errors import InputError, Words
+from geometry.common.errors import InputError, Words, describe_choices
 from geometry.scenes.bonds import BOND_SIDES, find_bond
-from geometry.scenes.catalogue import find_material
+from geometry.scenes.catalogue import list_materials
 from geometry.scenes.film import Film
 from geometry.scenes.quantities import LENGTH_QUANTITY
 from geometry.scenes.scene import Scene
@@ -80,9 +80,15 @@ def list_film_choices(design: Design) -> tuple[FilmChoice, ...]:
         for other in others:
             if first in variables and other in variables:
                 raise InputError(f"variables.{other}", Words(f"given beside {first}"), "one of both")
+    film = design.scene.probe.film
+    without_effect = [name for name in variables if name != "film"]
+    if film is not None and film.uses_psi and without_effect:
+        allowed = "a scene without both: by eq. (12) a charge is the same whatever thickness and bonds"
+        raise InputError(f"variables.{without_effect[0]}", Words("given beside psi1 or psi2"), allowed)
     tables = design.scene.probe.model_dump(exclude_unset=True).get("film") or {}
-    if "bond_thickness" in variables and not any(tables.get(side) for side in BOND_SIDES):
-        raise InputError("variables.bond_thickness", Words("given"), "a scene whose [probe.film] has bonds, or bond in its place")
+    if "bond_thickness" in variables and not any(_list_thick_bonds(part) for part in (tables, tables.get("outer"))):
+        allowed = "a scene whose [probe.film] has a bond with a thickness, or bond in its place"
+        raise InputError("variables.bond_thickness", Words("given"), allowed)
     return tuple(_build_choice(tables, dict(zip(variables, values, strict=True))) for values in product(*variables.values()))
 
 
@@ -104,32 +110,41 @@ def _build_choice(tables: Mapping[str, Any], values: Mapping[str, Any]) -> FilmC
         The chosen names and thicknesses, m, by their variables.
     """
     changes: dict[str, Any] = {}
+    outer, own_bonds = tables.get("outer") or {}, dict[str, Any]()
     for name, value in values.items():
         if name == "film":
             changes |= _read_film(value)
         elif name == "film_thickness":
             changes["thickness"] = value
         elif name == "bond_thickness":
-            changes |= {side: {**tables[side], "thickness": value} for side in BOND_SIDES if tables.get(side)}
+            changes |= {side: {**bond, "thickness": value} for side, bond in _list_thick_bonds(tables).items()}
+            own_bonds = {side: {**bond, "thickness": value} for side, bond in _list_thick_bonds(outer).items()}
         else:
             for side in BOND_SIDES if name == "bond" else (name,):
                 changes[side] = {"name": _find_bond_name(name, value)}
     film = {**tables, **changes}
     # what differs on the outer block stays, unless it is chosen for both
-    outer = {key: number for key, number in (tables.get("outer") or {}).items() if key not in changes}
+    kept = {
+        key: number for key, number in outer.items() if key not in changes or ("bond_thickness" in values and key in BOND_SIDES)
+    }
+    outer = kept | own_bonds
     film = {key: number for key, number in film.items() if key != "outer"} | ({"outer": outer} if outer else {})
     texts = {name: value if isinstance(value, str) else LENGTH_QUANTITY.format_value(value) for name, value in values.items()}
     return FilmChoice(texts, Film.model_validate(film, context=SI_CONTEXT))
 
 
+def _list_thick_bonds(tables: Mapping[str, Any] | None) -> dict[str, Mapping[str, Any]]:
+    """Return the bonds of a table of a film, or of what differs on the outer block, that are not rigid, by their sides."""
+    sides = {side: (tables or {}).get(side) for side in BOND_SIDES}
+    return {side: bond for side, bond in sides.items() if bond is not None and bond["thickness"] > 0}
+
+
 def _read_film(name: str) -> dict[str, Any]:
     """Return the numbers of a catalogue film, as a scene file has them; raise ``InputError`` where it is none."""
-    try:
-        material = find_material(name)
-    except InputError as fault:
-        raise InputError("variables.film", name, fault.allowed) from None
-    if material.kind != "film":
-        raise InputError("variables.film", name, f"films; {name} is of kind {material.kind}")
+    films = {key: material for key, material in list_materials().items() if material.kind == "film"}
+    if name not in films:
+        raise InputError("variables.film", name, f"{describe_choices(name, films)}; thicknesses alone are film_thickness")
+    material = films[name]
     numbers = {key: material.numbers[key].value for key in FILM_KEYS if key in material.numbers}
     return numbers | {"youngs_modulus": material.youngs_modulus}
 

@@ -28,6 +28,7 @@ from probe_design.populations.design_file import Design
 from probe_design.populations.performance import Performance
 from probe_design.populations.tables import DesignLimits
 from solver.contact.tumours_anywhere import SEARCHED_X
+from solver.results.film_charges import warn_of_read_bonds
 
 NO_GAIN = "no gain: no design better than the start was verified: the start is exported"
 LIMIT_KEYS = {"largest outer_radius": "outer_radius", "least wall": "wall", "largest height": "height"}
@@ -218,6 +219,7 @@ class TumourOptimum(Optimum[TumourVerification]):
 
     def _iterate_warnings(self) -> Iterator[str]:
         """Yield the warnings on the load, the closed form and the start."""
+        yield from warn_of_read_bonds((self.winner or self.start).scene)
         recommended = () if self.winner is None else (("the recommended design", self.winner),)
         for name, verified in (*recommended, ("the start", self.start)):
             if verified.linear_design is not None:
@@ -294,7 +296,8 @@ class PopulationOptimum(Optimum[PopulationVerification]):
     @property
     def warnings(self) -> tuple[str, ...]:
         """See ``Optimum``."""
-        texts = [note for item in (self.start, self.best) if (note := item.performance.draw.note)]
+        texts: list[str] = [*warn_of_read_bonds(self.best.scene)]
+        texts += [note for item in (self.start, self.best) if (note := item.performance.draw.note)]
         texts += self.warn_wide_start()
         texts += self._warn_unused_force()
         if (warning := explain_low_detection(self.best.performance)) is not None:

@@ -19,6 +19,7 @@ from probe_design.estimation.profile import Track
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
 from solver.planning.load_check import build_load_notes
+from solver.results.film_charges import warn_of_read_bonds
 
 MIN_FIT_PROBABILITY = 0.01  # a smaller p-value of the fit contradicts the scene or its noise
 UNKNOWN_NAMES = {"youngs_modulus": "E_object", "diameter": "diameter", "depth": "depth"}
@@ -173,6 +174,7 @@ def _explain_no_fit(findings: Findings) -> str:
 
 def iterate_warnings(findings: Findings, fitted: DepthAndStrength | None) -> Iterator[str]:
     """Yield the warnings of an estimate, one line each; the caller removes duplicates."""
+    yield from warn_of_read_bonds(findings.model.scene)
     yield from findings.model.base.notes  # these are for the place farthest from the tissue's middle
     if findings.best is None:
         if not findings.model.pressing:

@@ -36,6 +36,7 @@ from solver.planning.load_check import (
     refuse_load,
 )
 from solver.planning.load_limits import build_limits, build_load_rule
+from solver.results.film_charges import warn_of_read_bonds
 from solver.results.load_limits import LoadedRecord, LoadLimits
 from solver.results.result import Decision
 
@@ -181,6 +182,7 @@ def detectability(
         load_limits=build_limits(rule, accuracy, promise=True),
         plan=(*base.plan, _build_reflection_decision(base, len(open_spheres), len(effects.change))),
         warnings=(
+            *warn_of_read_bonds(scene),
             *base.notes,
             *_iterate_warnings(effects, thresholds),
             *(build_load_notes(scene, load.weakest, accuracy, True) if is_linear else ()),

@@ -23,7 +23,7 @@ from solver.equivalent_inclusion.readings import Readings, compute_readings
 from solver.evaluators import choose_accuracy
 from solver.planning.load_check import LoadChanges, build_load_notes, compute_budget, is_load_linear, refuse_load
 from solver.planning.load_limits import build_limits, build_load_rule
-from solver.results.film_charges import compute_charge_ratio_fields
+from solver.results.film_charges import compute_charge_ratio_fields, warn_of_read_bonds
 from solver.results.film_forces import FilmForces, compute_ratio_fields, compute_sensitivity_tolerance
 from solver.results.load_limits import LoadedRecord, LoadLimits
 from solver.results.result import Column, Decision, ReadRatio
@@ -273,7 +273,7 @@ def _iterate_warnings(
         As requested, before the effect of the load is subtracted.
     """
     n = len(film_readings.forces)
-    yield from farthest.notes
+    yield from (*warn_of_read_bonds(scene), *farthest.notes)
     if scene.target is None:
         cause = "several inclusions and none marked target = true" if scene.inclusion else "the scene has no inclusion"
         yield f"no log-sensitivity is given: {cause}"

@@ -20,6 +20,7 @@ from solver.results.film_charges import (
     compute_charge_ratio_fields,
     explain_null_charges,
     warn_of_bonds,
+    warn_of_read_bonds,
 )
 from solver.results.film_forces import FilmForces, check_moduli, compute_ratio_fields, compute_result_fields
 from solver.results.result import Curve, Decision, ErrorKind, Result
@@ -134,8 +135,9 @@ class FilmSolution:
             rows = [compute_charge_ratio_fields(scene, films) for films in self.films]
             values |= {key: tuple(row[key] for row in rows) for key in RATIO_FIELDS}
         values |= {"observable": scene.observable, "error_kind": self.error_kind, "response": scene.load.response}
-        notes = dict.fromkeys(note for films in self.films for note in explain_null_charges(name, scene, films))
-        return Curve(name, seconds, tuple(moduli.tolist()), **values, plan=self.plan, warnings=(*self.notes, *notes))
+        notes = [*warn_of_read_bonds(scene), *self.notes]
+        notes += dict.fromkeys(note for films in self.films for note in explain_null_charges(name, scene, films))
+        return Curve(name, seconds, tuple(moduli.tolist()), **values, plan=self.plan, warnings=tuple(notes))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,16 +15,27 @@ RATIO_FIELDS = ("charge_ratio", "charge_ratio_error", "charge_log_sensitivity", 
 def warn_of_bonds(scene: Scene, films: FilmForces) -> tuple[Note, ...]:
     """Return a warning where a film has no bonds and is taken as bonded rigidly, or where eq. (12) leaves its bonds out."""
     film = scene.probe.film
+    return () if film is not None and not film.uses_psi and films.charges is None else _describe_bonds(scene)
+
+
+def _describe_bonds(scene: Scene) -> tuple[Note, ...]:
+    """Return the warning of ``warn_of_bonds`` for films whose charges are computed."""
+    film = scene.probe.film
     if film is None:
         return ()
     if film.uses_psi and film.has_bonds:
         text = "psi1 and psi2 put eq. (12) in place of the film's stress, whatever its bonds"
         return (Note("bond", f"{text}: leave both out of [probe.film] for the charge that the bonds give"),)
-    if film.uses_psi or films.charges is None or film.by_block[0].has_bonds:
+    if film.uses_psi or film.by_block[0].has_bonds:
         return ()  # the outer film has the bonds of the inner one, unless it has its own
     name = "inner film" if film.by_block[1].has_bonds else "film"
     text = f"the {name} is taken as bonded rigidly on both sides; tape makes its charge 5 to 15 times larger"
     return (Note("bond", f'{text}: give [probe.film.bond_to_base], name = "tape-50um", or "rigid" if it is'),)
+
+
+def warn_of_read_bonds(scene: Scene) -> tuple[Note, ...]:
+    """Return the warning of ``warn_of_bonds`` where readings are the charges; else none."""
+    return _describe_bonds(scene) if scene.observable == "charge" else ()
 
 
 def reads_film_states(scene: Scene) -> bool:

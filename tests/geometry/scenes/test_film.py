@@ -74,6 +74,7 @@ def test_bonds_of_the_outer_film_alone_are_bonds_that_charges_are_read_of() -> N
         ({"electrode_inset": "0.7 mm"}, "probe.film.electrode_inset", "half the outer block's wall"),
         ({"outer": {"electrode_inset": "0.7 mm"}}, "probe.film.outer.electrode_inset", "half the outer block's wall"),
         ({"electrode_inset": "4 mm", "outer": {"electrode_inset": "0 mm"}}, "probe.film.electrode_inset", "inner block's radius"),
+        ({"adhesive_modulus": "2 MPa", "bond_to_base": TAPE}, "probe.film.adhesive_modulus", "bond_to_base alone"),
         ({"adhesive_thickness": "20 um", "bond_to_base": TAPE}, "probe.film.adhesive_thickness", "bond_to_base alone"),
         ({"adhesive_modulus": "2 MPa"}, "probe.film.adhesive_modulus", "bond_to_base"),
     ],

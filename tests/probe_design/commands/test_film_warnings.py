@@ -46,6 +46,27 @@ def test_a_film_without_bonds_is_warned_of_once(tmp_path: Path, film: str, start
         assert "tape makes its charge 5 to 15 times larger: give [probe.film.bond_to_base]" in warnings[0]
 
 
+READ_BY_CHARGE = '\n[reading]\nobservable = "charge"\n'
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("curve", "SCENE", "--from", "10 kPa", "--to", "60 kPa", "--points", 3),
+        ("scan", "SCENE", "--along", "x", "--from", "0 mm", "--to", "4 mm", "--points", 2),
+        ("estimate", "SCENE", "--ratio", 0.48, "--noise", 0.05),
+    ],
+    ids=["curve", "scan", "estimate"],
+)
+def test_what_reads_charges_of_a_film_without_bonds_warns_of_it(tmp_path: Path, command: tuple[str | float, ...]) -> None:
+    """And what reads stresses does not."""
+    path = write_scene(tmp_path, "")
+    arguments = [path if word == "SCENE" else word for word in command]
+    assert "bonded rigidly" not in run(*arguments).stderr
+    path.write_text(path.read_text(encoding="utf-8") + READ_BY_CHARGE, encoding="utf-8")
+    assert run(*arguments).stderr.count("bonded rigidly") == 1
+
+
 def test_bonds_that_eq_12_leaves_out_are_warned_of(tmp_path: Path) -> None:
     output = json.loads(run("evaluate", write_scene(tmp_path, "psi1 = 0.0\n" + BOND), "--json").stdout)
     assert any("eq. (12)" in line for line in output["warnings"])

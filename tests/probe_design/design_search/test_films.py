@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from geometry.common.errors import InputError
+from geometry.scenes.film import Film
 from geometry.scenes.scene import Scene
 from probe_design.design_report.population_report import build_choice_table
 from probe_design.design_report.verdict import format_bonds, format_film
@@ -92,8 +93,9 @@ def test_thicknesses_of_film_and_bonds_are_tried_one_by_one() -> None:
 @pytest.mark.parametrize(
     ("variables", "named"),
     [
-        ({"film": ["pvdf-29um"]}, "pvdf-28um"),
-        ({"film": ["ecoflex-00-30"]}, "kind elastomer"),
+        ({"film": ["pvdf-29um"]}, "one of pvdf-9um, pvdf-28um, pvdf-52um, pvdf-110um; did you mean"),
+        ({"film": ["ecoflex-00-30"]}, "one of pvdf-9um"),
+        ({"film": ["pvdf-28um", "52 um"]}, "film_thickness"),
         ({"bond": ["tape-51um"]}, "tape-50um"),
         ({"bond": ["tape-50um"], "bond_to_base": ["rigid"]}, "one of both"),
         ({"film": ["pvdf-28um"], "film_thickness": {"choices": [28e-6]}}, "one of both"),
@@ -103,6 +105,33 @@ def test_choices_that_contradict_or_are_unknown_are_refused(variables: dict[str,
     """One sentence names what is allowed."""
     with pytest.raises(InputError, match=named):
         build_search_space(build_design(build_taped(3e-3), variables=variables))
+
+
+def test_thicknesses_are_those_of_the_bonds_that_have_some() -> None:
+    """A rigid bond stays rigid, and the outer film's own bond keeps its modulus."""
+    glue = {"thickness": 20e-6, "youngs_modulus": 1.7e9, "poisson_ratio": 0.4}
+    variables = {"bond_thickness": {"choices": [30e-6, 60e-6]}}
+
+    def list_bonds(film: dict[str, Any]) -> list[list[tuple[float, float | None]]]:
+        probe = EXAMPLE.probe.model_copy(update={"film": Film.model_validate(film)})
+        choices = list_film_choices(build_design(EXAMPLE.model_copy(update={"probe": probe}), variables=variables))
+        return [[(bond.thickness, bond.youngs_modulus) for bond in part.bonds] for part in choices[1].film.by_block]
+
+    tape = TAPE["youngs_modulus"]
+    mixed = {"bond_to_base": TAPE, "bond_to_block": {"name": "rigid"}, "outer": {"bond_to_base": glue, "bond_to_block": glue}}
+    assert list_bonds(mixed) == [[(0.0, None), (60e-6, tape)], [(60e-6, 1.7e9), (60e-6, 1.7e9)]]
+    assert list_bonds({"bond_to_base": TAPE, "outer": {"bond_to_base": {"name": "rigid"}}})[1] == [(0.0, None), (0.0, None)]
+    with pytest.raises(InputError, match="has a bond with a thickness"):
+        list_bonds({"bond_to_base": {"name": "rigid"}, "bond_to_block": {"name": "rigid"}})
+
+
+@pytest.mark.parametrize("name", ["bond", "bond_to_base", "film_thickness"])
+def test_bonds_and_thicknesses_are_no_choice_where_eq_12_gives_the_charge(name: str) -> None:
+    """Every choice would have the same charges."""
+    scene = build_taped(3e-3).replace({"probe.film.psi1": 0.3, "reading.observable": "charge"})
+    values: Any = {"choices": [28e-6, 52e-6]} if name == "film_thickness" else ["tape-50um", "epoxy-20um"]
+    with pytest.raises(InputError, match=rf"variables\.{name} = given beside psi1 or psi2: allowed: a scene without both"):
+        build_search_space(build_design(scene, variables={name: values}))
 
 
 def test_films_are_no_choice_where_stresses_are_read() -> None:
