@@ -160,7 +160,7 @@ def fit(rows: Sequence[ErrorRow]) -> dict[str, dict[str, dict[str, float]]]:
     return {"weights": weights, "constants": constants}
 
 
-def regress(features: Floats, logs: Floats, kinds: Floats, classes: Sequence[SceneClass]) -> Floats:
+def regress(features: Floats, logs: Floats, kinds: Floats, classes: Sequence[SceneClass], ridge: float = RIDGE) -> Floats:
     """Return the weights of a quantile regression of logarithms of errors, with a constant for each class."""
     middle, width = features.mean(axis=0), features.std(axis=0)
     columns = np.column_stack([(features - middle) / width, *(kinds == kind for kind in classes)])
@@ -169,7 +169,7 @@ def regress(features: Floats, logs: Floats, kinds: Floats, classes: Sequence[Sce
     def compute_loss(weights: Floats) -> tuple[float, Floats]:
         left = logs - columns @ weights
         size = np.sqrt(left**2 + SMOOTHING**2)  # the absolute value, smoothed
-        penalty = RIDGE * np.where(penalised, weights, 0.0)
+        penalty = ridge * np.where(penalised, weights, 0.0)
         loss = (size / 2 + (FIT_QUANTILE - 0.5) * left).mean() + float(penalty @ weights)
         return loss, 2 * penalty - (left / size / 2 + FIT_QUANTILE - 0.5) @ columns / len(left)
 
@@ -185,6 +185,7 @@ def calibrate(
     kinds: Floats,
     drawn: Bools,
     classes: Sequence[SceneClass],
+    ridge: float = RIDGE,
 ) -> dict[str, float]:
     """Return for each class what its constant needs above the quantile of the regression, so that ``COVERAGE`` is covered.
 
@@ -194,7 +195,7 @@ def calibrate(
     folds, excess = np.random.default_rng(0).permutation(len(logs)) % FOLDS, np.empty(len(logs))
     for fold in range(FOLDS):
         fitted = folds != fold
-        predicted = features @ regress(features[fitted], logs[fitted], kinds[fitted], classes)
+        predicted = features @ regress(features[fitted], logs[fitted], kinds[fitted], classes, ridge)
         for kind in classes:
             inside = kinds == kind
             middle = np.quantile((logs - predicted)[fitted & inside & drawn], FIT_QUANTILE)

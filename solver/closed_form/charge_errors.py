@@ -3,8 +3,9 @@
 They are exp(c + sum of w_k x_k) as those of the forces (eq. CF.19), with features of the films and their bonds beside those of
 the scene. Errors of charges are relative to the charges themselves, those of the log-sensitivity absolute.
 ``python -m benchmarks.closed_form.charge_error`` fits weights and constants to drawn scenes on the axis whose charges
-``axisymmetric`` computes, and writes them to ``charge_error_quantiles.json``. Off the axis the largest constant of the other
-classes is stated. Where glue between block and film stretches with a film that floats on tape, membranes are further off than in
+``axisymmetric`` computes, and writes them to ``CHARGE_TABLES``. Off the axis the larger constant of bare tissue and of near sides
+is stated. Layered scenes have weights of their own, and more features: where the parts of a charge nearly cancel, its error is
+relative to these. Where glue between block and film stretches with a film that floats on tape, membranes are further off than in
 most of those scenes, as glue and film bend: with g the glue's stiffness in its plane over the film's, and f the part of the
 film that floats, ln(1 + 2 g f) is added. An elastic base bends and stretches the film that a bond holds on it, which neither
 formulas nor drawn scenes have; a bound on that charge is added, see ``_bound_base_charges``. So is one where the bond to the base
@@ -25,6 +26,7 @@ from solver.closed_form.error_quantile import CHARGE_CLASSES, StatedErrors, clas
 from solver.closed_form.film_membrane import MIN_GLUE_MODULUS
 from solver.results.detail_compliance import CHARGE_CHANGE_FACTOR, FILM_DETAIL, iterate_details
 
+CHARGE_TABLES = dict.fromkeys(CHARGE_CLASSES, "charge_error_quantiles.json") | {"layered": "layered_charge_error_quantiles.json"}
 CHARGE_QUANTITIES = ("charge_ratio", "charge_inner", "charge_outer", "charge_log_sensitivity")
 GLUE_ERROR_FACTOR = 2.0  # covers 76 of 79 inner films with glue to the block and tape to the base; without it 71
 BASE_STRAIN_FACTOR = 5.0  # covers 96 of 98 charges, see ``benchmarks.closed_form.base_charges``
@@ -33,6 +35,7 @@ SQUEEZE_FACTOR = 6.0  # covers 155 of 160 charges of films of 1 to 60 um on bond
 SPRING_LENGTHS_SQUARED = 8.0  # a bond x shear lengths thick is no layer of springs by the part x^2 / (x^2 + 8); x small
 MIN_CHARGE = 1e-300  # C/m, in place of a charge of zero, which has no relative error
 MAX_EXPONENT = 20.0  # beyond it a charge is far below its error
+CANCELLED_PARTS = 4.0  # parts of a charge over itself from which on its error is relative to the parts; clamped films have 3 to 6
 
 
 def state_charge_errors(scene: Scene, shape: Shape, values: Floats, products: Floats, derivatives: Floats) -> StatedErrors:
@@ -51,10 +54,9 @@ def state_charge_errors(scene: Scene, shape: Shape, values: Floats, products: Fl
     derivatives
         Their derivatives by the logarithm of the target's modulus, shape (4, 2).
     """
-    table = read_quantiles("charge_error_quantiles.json")
-    features = compute_charge_features(scene, shape, values, products, derivatives)
-    kind = classify(shape)
-    kinds = [kind] if kind in CHARGE_CLASSES else CHARGE_CLASSES
+    kind, features = classify(shape), compute_charge_features(scene, shape, values, products, derivatives)
+    table = read_quantiles(CHARGE_TABLES.get(kind, CHARGE_TABLES["bare"]))
+    kinds = [kind] if kind in CHARGE_CLASSES else list(table["constants"])
     exponents = [
         max(table["constants"][name][quantity] for name in kinds)
         + sum(weight * features[key] for key, weight in table["weights"][quantity].items())
@@ -63,7 +65,7 @@ def state_charge_errors(scene: Scene, shape: Shape, values: Floats, products: Fl
     ratio, inner, outer, sensitivity = (math.exp(min(exponent, MAX_EXPONENT)) for exponent in exponents)
     glued = _bound_glue_errors(scene)
     totals = np.array([inner, outer]) + glued
-    ratio += float(abs(glued[0] - glued[1]) + glued.min() / 2)  # in equal stacks half of it is common to both films
+    ratio += float(add_glue_to_ratio(*glued))
     forces = products[:2]
     for detail in iterate_details(scene.probe):
         if detail.name != FILM_DETAIL:  # films are modelled
@@ -142,6 +144,11 @@ def _bound_glue_errors(scene: Scene) -> Floats:
     return np.array(added)
 
 
+def add_glue_to_ratio(inner: Floats, outer: Floats) -> Floats:
+    """Return what is added to the error of the ratio of charges where glue adds these to each: in equal stacks half is common."""
+    return np.asarray(np.abs(inner - outer) + np.minimum(inner, outer) / 2)
+
+
 def compute_charge_features(
     scene: Scene, shape: Shape, values: Floats, products: Floats, derivatives: Floats
 ) -> dict[str, float]:
@@ -152,7 +159,10 @@ def compute_charge_features(
     - opposed charges: parts of a charge beyond their sum, as where the parts by d31 and by d33 are of opposite sign;
     - soft bond: how far the block slips on its bond, compared with its width;
     - stiff block: its stiffness over that of the film in its plane;
-    - target: as of the forces, of charges.
+    - target: as of the forces, of charges;
+    - floating glue: what ``state_charge_errors`` adds for glue between block and a film that floats;
+    - cancelled: sizes of a charge's parts, by d33 and by d31 and d32 or by the motions of both bases, over the charge beyond
+      ``CANCELLED_PARTS``; with the weight 1 the error of a charge near zero is relative to its parts. Cancelled: the larger.
 
     See ``state_charge_errors`` for the arguments.
     """
@@ -180,4 +190,10 @@ def compute_charge_features(
             f"flat {name}": math.log(0.1 + heights[k] / width),
         }
     features["target"] = math.log(1e-7 + float(np.abs(derivatives[2:].sum(axis=1) / np.where(totals == 0, 1e-300, totals)).sum()))
-    return features
+    glued = _bound_glue_errors(scene)
+    normal = np.array([block_film.d33 for block_film in film.by_block]) * forces
+    parts = np.maximum(np.abs(normal) + np.abs(totals - normal), np.abs(charges).sum(axis=1))
+    cancelled = np.log(np.maximum(parts / np.maximum(np.abs(totals), MIN_CHARGE) / CANCELLED_PARTS, 1.0))
+    for k, name in enumerate(("inner", "outer")):
+        features |= {f"floating glue {name}": float(glued[k]), f"cancelled {name}": float(cancelled[k])}
+    return features | {"cancelled": float(cancelled.max())}
