@@ -20,8 +20,8 @@ from probe_design.built_probe.gain_checks import estimate_consistent_gains
 from probe_design.built_probe.gain_fit import compute_mean_gain_sd
 from probe_design.built_probe.gains import ForceScale, Gains, Observation
 from probe_design.built_probe.load_plausibility import check_reference_loads
+from probe_design.built_probe.reference_charges import list_omitted_films
 from probe_design.built_probe.timing_errors import count_rate_error_of_gains, list_lag_warnings
-from solver.results.film_charges import reads_film_states
 
 T = TypeVar("T")
 MAX_BOND_STEPS = 6  # fits of the bonds' modulus, each with predictions at the last
@@ -268,23 +268,6 @@ def _list_gain_warnings(gains: Gains, bench: Bench) -> list[str]:
         if not is_resolved:
             warnings.append(f"cross-talk {entry}: the readings do not determine it; the bench's assumption stands")
     return warnings
-
-
-def list_omitted_films(scene: Scene) -> list[str]:
-    """List what gains leave out of films whose charges are not predicted: one line, or none where they are."""
-    film = scene.probe.film
-    if reads_film_states(scene):
-        return []
-    if film is None:
-        reason = "as the scene has no [probe.film]"
-    elif film.uses_psi:
-        reason = "by psi1 and psi2 of the scene"
-    else:
-        reason = "as [probe.film] has no bonds" if scene.reading.observable is None else "by [reading] observable of the scene"
-    return [
-        f"a film's charge is taken as a multiple of its force, {reason}: of a bonded film it is none, and gains from pins or "
-        "blocks leave an error of up to 40 % of the ratio; give the bonds in [probe.film], and read charges"
-    ]
 
 
 def list_scale_warnings(scale: ForceScale, bench: Bench) -> list[str]:

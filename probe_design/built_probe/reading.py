@@ -20,7 +20,7 @@ from probe_design.built_probe.film_forces import compute_film_forces
 from probe_design.built_probe.gains import ForceScale, Gains
 from probe_design.built_probe.load_plausibility import check_film_sum, check_scene_load
 from probe_design.built_probe.ratio_phase import SD_PER_BOUND, add_ratio_phase, compare_ratio_phase, compute_ratio_phase
-from probe_design.built_probe.reference_charges import compute_charge_units
+from probe_design.built_probe.reference_charges import compute_charge_units, list_omitted_films
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.contact.evaluator import ContactEvaluator
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
@@ -200,6 +200,8 @@ def compute_reading(
     )
     phase, phase_sd = compute_ratio_phase(measurement, bench, used_gains)
     z_phase, phase_warnings = compare_ratio_phase(phase, phase_sd, predicted)
+    film = scene.probe.film
+    film_warnings = list_omitted_films(scene) if film is not None and film.has_bonds else []
     exchange_warnings = _warn_of_exchange(films, used_gains, predicted_ratio, z_ratio, areas)
     return StressReading(
         ratio=None if ratio is None else ratio * charge_factor,
@@ -233,7 +235,13 @@ def compute_reading(
         saturated=measurement.losses.saturated,
         gaps=measurement.losses.gaps,
         overruns=measurement.losses.overruns,
-        warnings=(*_list_warnings(measurement, bench, gains, ratio), *load_warnings, *exchange_warnings, *phase_warnings),
+        warnings=(
+            *_list_warnings(measurement, bench, gains, ratio),
+            *load_warnings,
+            *film_warnings,
+            *exchange_warnings,
+            *phase_warnings,
+        ),
     )
 
 

@@ -14,7 +14,7 @@ from geometry.scenes.film import Film
 from geometry.scenes.variables import list_values
 from probe_design.built_probe.bench import Reference, bench_from_dict
 from probe_design.built_probe.block_predictions import predict_blocks, solve_block
-from probe_design.built_probe.calibration import Calibration, list_omitted_films
+from probe_design.built_probe.calibration import Calibration
 from probe_design.built_probe.calibration_record import Raw, build_record, read_record, write_record
 from probe_design.built_probe.film_forces import measure_samples
 from probe_design.built_probe.reading import compute_reading, predict_scene
@@ -22,6 +22,7 @@ from probe_design.built_probe.reference_charges import (
     compute_charge_units,
     compute_pin_charge,
     find_bond_log_sd,
+    list_omitted_films,
     predict_pin,
     scale_bonds,
 )

@@ -57,6 +57,21 @@ def test_a_reading_is_the_ratio_that_the_scene_reads(observable: str) -> None:
     assert reading.observable == observable
 
 
+def test_a_reading_by_gains_of_films_with_bonds_says_what_it_leaves_out() -> None:
+    """Beside psi or a stress that is asked for; not where the scene says nothing of bonds."""
+
+    def list_warnings(film: dict[str, object], observable: str | None = None) -> list[str]:
+        probe = scene().probe.model_copy(update={"film": Film.model_validate(film)})
+        bonded = scene().model_copy(update={"probe": probe})
+        bonded = bonded if observable is None else bonded.replace({"reading.observable": observable})
+        warnings = compute_reading(measure(bonded), bonded, BENCH, Result("none", 0.0)).warnings
+        return [text for text in warnings if "multiple of its force" in text]
+
+    assert len(list_warnings({"bond_to_base": "tape-50um"}, "stress")) == 1
+    assert len(list_warnings({"bond_to_base": "tape-50um", "psi1": 0.0})) == 1
+    assert list_warnings({"psi1": 0.0}) == list_warnings({}) == []
+
+
 def test_a_ratio_of_stresses_is_no_reading_of_charges() -> None:
     """Whatever the file says; files of older versions, which say nothing, hold ratios of stresses."""
     assert parse_field_reading(TOLD, "reading.json", scene()).ratio == TOLD["ratio"]
