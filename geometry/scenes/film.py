@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, Self
 
 from pydantic import Field, model_validator
@@ -173,9 +174,7 @@ class Film(Frozen):
     @property
     def by_block(self) -> tuple[Film, Film]:
         """The films of the inner and the outer block, each without ``outer``."""
-        inner = self.model_copy(update={"outer": None})
-        changes = {} if self.outer is None else {key: getattr(self.outer, key) for key in self.outer.model_fields_set}
-        return inner, inner.model_copy(update={key: value for key, value in changes.items() if value is not None})
+        return _split_by_block(self)
 
     @property
     def soft_limit(self) -> float:
@@ -241,3 +240,11 @@ class Film(Frozen):
     def lateral_charge_difference(self) -> float:
         """(d31 - d32) / 2, C/N: what the film's plane adds along its length and takes off across it."""
         return (self.d31 - self.d32) / 2
+
+
+@lru_cache(maxsize=64)  # an evaluation asks a dozen times
+def _split_by_block(film: Film) -> tuple[Film, Film]:
+    """Return the films of the inner and the outer block, each without ``outer``."""
+    inner = film.model_copy(update={"outer": None})
+    changes = {} if film.outer is None else {key: getattr(film.outer, key) for key in film.outer.model_fields_set}
+    return inner, inner.model_copy(update={key: value for key, value in changes.items() if value is not None})
