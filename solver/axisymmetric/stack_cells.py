@@ -6,11 +6,12 @@ from dataclasses import replace
 
 from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.meridian.stack_fineness import StackFineness
-from geometry.scenes.film import Bond
 from geometry.scenes.scene import Scene
 
-SOFT_MODULUS = 3e6  # Pa: on softer bonds a film floats, and a charge's error at its corners is small
-MAX_FLOATING_BOND_M = 7.5e-5  # m: thicker ones need more cells at the walls
+# of the inner radius: a film whose shear length is longer floats, and a charge's error at its corners is small
+MIN_FLOATING_SHARE = 0.4
+MIN_GLUE_MODULUS = 1e8  # Pa: bonds between tape and glue, of which none are known, count as tape
+MAX_THIN_BOND_M = 7.5e-5  # m: thicker ones need more cells at the walls
 MAX_OTHER_LAYERS = 2  # at other corners below order 6: a third changes forces by 1e-5, a charge's error is bounded by some 1e-4
 WALL_RATIO = 0.22  # of strips and layers: after two of them cells at a wall are about as wide as rows are high
 ONE_ROW = StackFineness(1, (1, 1, 1), 1)
@@ -48,7 +49,7 @@ def choose_strain_stack(scene: Scene) -> StackFineness:
     if any(film.bonds[1].is_rigid for film in films):
         return CORNERS
     thickest = max((bond.thickness for film in films for bond in film.bonds), default=0.0)
-    return ONE_ROW if thickest <= MAX_FLOATING_BOND_M else TWO_ROWS
+    return ONE_ROW if thickest <= MAX_THIN_BOND_M else TWO_ROWS
 
 
 def has_bare_film(scene: Scene) -> bool:
@@ -66,20 +67,14 @@ def _choose(scene: Scene, fineness: MeridianFineness) -> StackFineness | None:
     if fineness.order >= 6:
         rows = fineness.count(2)
         return StackFineness(fineness.layers + 1, (rows, rows, rows), 2, WALL_RATIO)
-    bonds = [bond for film in scene.probe.film.by_block for bond in film.bonds]
-    is_soft, is_stiff = ([_is_of_kind(bond, stiff) for bond in bonds] for stiff in (False, True))
-    # a film that floats, perhaps beside a rigid bond, or is glued on both sides alike; else tape or glue clamps one side
-    is_even = all(is_stiff) or (any(is_soft) and not any(is_stiff))
+    films = scene.probe.film.by_block
+    bonds = [bond for film in films for bond in film.bonds]
+    glue = [not bond.is_rigid and (bond.youngs_modulus or 0.0) >= MIN_GLUE_MODULUS for bond in bonds]
+    thin = all(bond.thickness <= MAX_THIN_BOND_M for bond in bonds)
+    floats = all(film.shear_length >= MIN_FLOATING_SHARE * scene.probe.inner_radius for film in films)
+    is_glued = all(glue) and thin  # on both sides alike, which clamps neither
     if fineness.order == 5:
-        return COARSE if is_even else MIDDLE
+        return COARSE if is_glued or (floats and thin and not any(glue)) else MIDDLE
     if fineness.layers > 1:
         return COARSE
-    return ONE_ROW if is_even else LIGHT
-
-
-def _is_of_kind(bond: Bond, stiff: bool) -> bool:
-    """Return whether a bond is thin and not rigid, and softer, or stiffer, than ``SOFT_MODULUS``."""
-    if bond.is_rigid or bond.thickness > MAX_FLOATING_BOND_M:
-        return False
-    assert bond.youngs_modulus is not None  # checked with the scene
-    return (bond.youngs_modulus > SOFT_MODULUS) == stiff
+    return ONE_ROW if is_glued or floats else LIGHT
