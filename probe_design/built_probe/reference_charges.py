@@ -26,7 +26,7 @@ from geometry.common.errors import InputError, Refusal, Words
 from geometry.common.percent import format_percent
 from geometry.scenes.bonds import BOND_SIDES, find_bond
 from geometry.scenes.film import Bond, Film
-from geometry.scenes.probe import Material, Probe
+from geometry.scenes.probe import Material, Probe, format_mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import MM_PER_M
 from geometry.scenes.variables import PIEZO_KEYS, list_values
@@ -195,8 +195,13 @@ def predict_pin(
 
 def compute_pin_strain(probe: Probe, reference: Reference) -> float:
     """Return the mean strain of a block per force of a pin or ring on it, 1/N."""
-    inner, outer = find_pressed(probe, reference)
-    block = probe.inner if reference.on == "inner" else probe.outer
+    block, face = {
+        "inner": (probe.inner, (0.0, probe.inner_radius)),
+        "outer": (probe.outer, (probe.hole_radius, probe.tube_radius)),
+    }[reference.on]
+    inner, outer = (
+        min(max(radius, face[0]), face[1]) for radius in find_pressed(probe, reference)
+    )  # what overhangs is not pressed
     return 1 / (math.pi * (outer**2 - inner**2) * block.youngs_modulus)
 
 
@@ -212,7 +217,13 @@ def compute_pin_charge(scene: Scene, reference: Reference) -> float:
 
 
 def find_pressed(probe: Probe, reference: Reference) -> tuple[float, float]:
-    """Return the radii of a pin's or ring's end, m: as the bench states, else those of the fixture, else of the whole face."""
+    """Return the radii of a pin's or ring's end, m: as the bench states, else those of the fixture, else of the whole face.
+
+    Raises
+    ------
+    InputError
+        The end that the bench states does not touch its block, or touches the other one, too.
+    """
     is_pin = reference.on == "inner"
     inner, outer = (0.0, probe.inner_radius) if is_pin else (probe.hole_radius, probe.tube_radius)
     try:
@@ -220,8 +231,20 @@ def find_pressed(probe: Probe, reference: Reference) -> tuple[float, float]:
         inner, outer = np.array((0.0, sizes.pin) if is_pin else sizes.ring) / MM_PER_M
     except InputError:  # too narrow for the fixture: the whole face
         pass
-    given = reference.inner_radius, reference.outer_radius
-    return float(inner if given[0] is None else given[0]), float(outer if given[1] is None else given[1])
+    low = float(inner if reference.inner_radius is None else reference.inner_radius)
+    high = float(outer if reference.outer_radius is None else reference.outer_radius)
+    if is_pin:
+        limits = {"inner_radius": (0.0, min(probe.inner_radius, high)), "outer_radius": (low, probe.hole_radius)}
+    else:
+        limits = {"inner_radius": (probe.inner_radius, min(probe.tube_radius, high))}
+        limits["outer_radius"] = max(probe.hole_radius, low), math.inf
+    for key, (min_radius, max_radius) in limits.items():
+        value = getattr(reference, key)
+        if value is not None and not (min_radius <= value < max_radius and (key == "inner_radius" or value > min_radius)):
+            ends = f"from {format_mm(min_radius)}" + (f" to {format_mm(max_radius)}" if max_radius < math.inf else "")
+            allowed = f"{ends}, so that the end touches the {reference.on} block and that alone"
+            raise InputError(f"{reference.name}: {key}", format_mm(value), allowed)
+    return low, high
 
 
 def _differentiate(scene: Scene, k: int, contact: Load, pressed: tuple[float, float] | None, name: str) -> float:

@@ -21,7 +21,9 @@ from probe_design.built_probe.reading import compute_reading, predict_scene
 from probe_design.built_probe.reference_charges import (
     compute_charge_units,
     compute_pin_charge,
+    compute_pin_strain,
     find_bond_log_sd,
+    find_pressed,
     list_omitted_films,
     predict_pin,
     scale_bonds,
@@ -72,8 +74,8 @@ def test_films_whose_charges_have_two_signs_are_refused_with_a_remedy_that_works
 def test_a_ring_on_a_soft_block_is_pressed_by_a_small_strain() -> None:
     """Two per cent of the mean strain F / (A E)."""
     soft = build_taped().replace({"probe.outer.youngs_modulus": 54e3})
-    ring = Reference(on="outer", inner_radius=6e-3, outer_radius=8e-3)
-    area = np.pi * (8e-3**2 - 6e-3**2)
+    ring = Reference(on="outer", inner_radius=4.2e-3, outer_radius=5.4e-3)
+    area = np.pi * (5.4e-3**2 - 4.2e-3**2)
     assert find_pressing_load(soft, ring, 0.3) == pytest.approx(0.02 * area * 54e3)
     assert find_pressing_load(soft, ring, 0.01) == 0.01
 
@@ -112,6 +114,30 @@ def test_pins_give_the_charges_of_an_independent_code(name: str) -> None:
     radii = {"inner_radius": 1e-3 * max(inner, 0.0), "outer_radius": 1e-3 * outer}
     reference = Reference.model_validate({"on": on, "contact": "stuck" if load == "stuck" else "frictionless"} | radii)
     assert compute_pin_charge(probe_scene, reference) == pytest.approx(1e-12 * case["charge_per_force"][0], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("on", "radii", "key"),
+    [
+        ("inner", {"outer_radius": 5e-3}, "pin on the inner block: outer_radius = 5 mm: allowed: from 0 mm to 4.1 mm"),
+        ("inner", {"inner_radius": 4.05e-3}, "pin on the inner block: inner_radius"),
+        ("outer", {"inner_radius": 3e-3}, "ring on the outer block: inner_radius = 3 mm: allowed: from 4 mm to"),
+        ("outer", {"inner_radius": 5.4e-3, "outer_radius": 4.3e-3}, "ring on the outer block: inner_radius"),
+        ("outer", {"outer_radius": 4.05e-3}, "ring on the outer block: inner_radius|ring on the outer block: outer_radius"),
+    ],
+)
+def test_a_pin_or_ring_that_touches_the_other_block_is_refused(on: str, radii: dict[str, float], key: str) -> None:
+    """Beyond the hole's edge a pin presses the tube, within the inner block's a ring the disc; what overhangs strains nothing."""
+    taped = build_taped()
+    with pytest.raises(InputError, match=key):
+        find_pressed(taped.probe, Reference.model_validate({"on": on} | radii))
+    wide = {"inner": {"outer_radius": 4.05e-3}, "outer": {"outer_radius": 9e-3}}[on]
+    edge = {"inner": taped.probe.inner_radius, "outer": taped.probe.tube_radius}[on]
+    strains = [
+        compute_pin_strain(taped.probe, Reference.model_validate({"on": on, "outer_radius": radius}))
+        for radius in (wide["outer_radius"], edge)
+    ]
+    assert strains[0] == strains[1]
 
 
 def test_a_contact_that_is_unknown_counts_as_an_error() -> None:
