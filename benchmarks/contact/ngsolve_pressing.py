@@ -25,7 +25,7 @@ from netgen.meshing import MeshingParameters, NgException
 from benchmarks.peers.ngsolve_meridian import CONTACT, corners, geometry, vertices
 from benchmarks.references.axisymmetric import materials
 from benchmarks.references.outline import ENDS, INCLUSION, INNER, NAMES, OUTER, Edge, outline, sizes
-from geometry import Probe, Scene
+from geometry import Material, Probe, Scene
 from geometry.common.arrays import Floats
 from geometry.scenes.probe import LAW_CONSTANTS
 
@@ -94,13 +94,23 @@ def name_contact_line(edge: Edge, probe: Probe) -> str:
     return edge.name
 
 
-def compute_energy_density(displacement: Any, young: Any, nu: Any, pressure: Any = None, law: tuple[Any, Any] = (0, 0)) -> Any:
+def compute_deformation(displacement: Any, height: Any = None) -> tuple[Any, Any, Any, Any, Any]:
+    """Return the deformation gradient's F_rr, F_rz, F_zr, F_zz and F_tt; ``height`` is a true height over the mesh's."""
+    derivative = ngs.Grad(displacement)
+    shear, along = derivative[0, 1], derivative[1, 1]
+    if height is not None:
+        shear, along = shear / height, along / height
+    return 1 + derivative[0, 0], shear, derivative[1, 0], 1 + along, 1 + displacement[0] / ngs.x
+
+
+def compute_energy_density(
+    deformation: tuple[Any, ...], young: Any, nu: Any, pressure: Any = None, law: tuple[Any, Any] = (0, 0)
+) -> Any:
     """Return W for the constants c2, c3 of ``law``; with a pressure p its bulk part U(J) as p (J - J*) + U(J*).
 
     J* is the volume at which U' = p.
     """
-    derivative = ngs.Grad(displacement)
-    a, b, c, d, hoop = 1 + derivative[0, 0], derivative[0, 1], derivative[1, 0], 1 + derivative[1, 1], 1 + displacement[0] / ngs.x
+    a, b, c, d, hoop = deformation
     volume, first = (a * d - b * c) * hoop, a**2 + b**2 + c**2 + d**2 + hoop**2
     shear, bulk = young / (2 * (1 + nu)), young / (3 * (1 - 2 * nu))
     held, share = volume, 0.0
@@ -118,7 +128,7 @@ class PressedProbe:
     """A bonded probe pressed further and further; ``steps`` counts those of Newton's method."""
 
     def __init__(self, scene: Scene, setting: ContactSetting) -> None:
-        self.scene, self.setting, self.mesh = scene, setting, make_mesh(scene, setting)
+        self.scene, self.setting, self.mesh = scene, setting, self.make_mesh(scene, setting)
         held = "bottom|" + "|".join(ENDS)
         body = ngs.VectorH1(self.mesh, order=setting.order, dirichletx=held + "|axis", dirichlety=held)
         self.space = ngs.FESpace([body, ngs.L2(self.mesh, order=setting.order - 2)]) if setting.mixed else body
@@ -130,18 +140,31 @@ class PressedProbe:
         self.lifts = [self._lift(end) for end in ENDS]
         self._forms()
 
+    def make_mesh(self, scene: Scene, setting: ContactSetting) -> ngs.Mesh:
+        """Mesh the meridian plane."""
+        return make_mesh(scene, setting)
+
+    def find_bodies(self) -> dict[str, Material]:
+        """Return the material of each body by its name in the mesh."""
+        return {NAMES[k]: material for k, material in materials(self.scene).items()}
+
+    def find_heights(self) -> Any:
+        """Return the true heights over the mesh's, by body; None where all are true."""
+        return None
+
     def _forms(self) -> None:
         """Forms of all bodies, with contact, and of the sphere alone."""
         trial = self.space.TrialFunction()
         moved, pressure = trial if self.setting.mixed else (trial, None)
-        bodies, unit = materials(self.scene), self.scene.tissue.youngs_modulus
+        bodies, unit, heights = self.find_bodies(), self.scene.tissue.youngs_modulus, self.find_heights()
         self.stiffer = ngs.Parameter(1.0)
-        young = self.mesh.MaterialCF({NAMES[k]: material.youngs_modulus / unit for k, material in bodies.items()})
-        young *= self.mesh.MaterialCF({NAMES[INCLUSION]: self.stiffer}, default=1.0)
-        nu = self.mesh.MaterialCF({NAMES[k]: material.poisson_ratio for k, material in bodies.items()})
-        constants = [self.mesh.MaterialCF({NAMES[k]: getattr(m, key) for k, m in bodies.items()}) for key in LAW_CONSTANTS]
-        density = compute_energy_density(moved, young, nu, pressure, (constants[0], constants[1]))
-        energy = (2 * math.pi * ngs.x * density).Compile()
+        self.young = self.mesh.MaterialCF({name: material.youngs_modulus / unit for name, material in bodies.items()})
+        young = self.young * self.mesh.MaterialCF({NAMES[INCLUSION]: self.stiffer}, default=1.0)
+        self.nu = self.mesh.MaterialCF({name: material.poisson_ratio for name, material in bodies.items()})
+        constants = [self.mesh.MaterialCF({name: getattr(m, key) for name, m in bodies.items()}) for key in LAW_CONSTANTS]
+        deformation = compute_deformation(moved, heights)
+        density = compute_energy_density(deformation, young, self.nu, pressure, (constants[0], constants[1]))
+        energy = (2 * math.pi * ngs.x * density * (1 if heights is None else heights)).Compile()
         self.form = ngs.BilinearForm(self.space, symmetric=True, condense=True)
         self.form += ngs.Variation(energy * ngs.dx(bonus_intorder=4))
         self.sphere = ngs.BilinearForm(self.space, symmetric=True)
