@@ -28,6 +28,7 @@ MIN_P_VALUE = 0.001  # p-value below which the readings contradict each other
 CERTAIN_P_VALUE = 1e-9  # p-value below which one wrong reading is more likely than a probe that differs from its drawing
 FREE_LOG_RATIO_BOUND = 10.0  # bound on ln(F_inner / F_outer) of a block of which nothing is assumed
 TOUCHING_SD = 2.0  # standard deviations of cross-talk and leak from which a pin or ring gives a warning: 1 in 20 good ones
+BONDED_FILM_FACTORS = 0.4, 25.0  # of a film's charge over d33 times its force: rigid bonds give 0.55, thin films on tape 20
 MAX_LEAK_SD = 8.0  # standard deviations likewise above which the readings contradict each other
 
 
@@ -91,6 +92,11 @@ def _check_force(observations: Sequence[Observation], bench: Bench) -> None:
     if np.all(ratios > 1 + tolerance) or np.all(ratios < 1 - tolerance):
         median = float(np.median(ratios))
         remedy = f"is the force channel plugged in, its sensitivity right? {describe_remedy(median)}"
+        low, high = BONDED_FILM_FACTORS
+        if low < median < high:
+            remedy += (
+                "; bonded films give 0.5 to 20 times d33 times their force: name their bonds in [probe.film], and read charges"
+            )
         raise InputError(
             "reading", Words(f"{median:.3g} of the force channel on both films"), f"1 to {format_percent(tolerance)}: {remedy}"
         )

@@ -171,11 +171,16 @@ class VirtualBench:
 
     @cached_property
     def as_built(self) -> Scene:
-        """The scene with the probe as built, the modulus of its films' bonds drawn from their spread."""
-        if not reads_film_states(self.scene):
+        """The scene with the probe as built, the modulus of its films' bonds drawn from their spread.
+
+        Its readings are charges, which is what films deliver, even where the drawing reads stresses; only films without a stack,
+        or by eq. (12), deliver multiples of forces.
+        """
+        if not self.scene.models_charges:
             return self.scene
+        scene = self.scene.replace({"reading.observable": "charge"})
         draw = float(np.random.default_rng([self.seed, BOND_STREAM]).standard_normal())
-        return scale_bonds(self.scene, find_bond_log_sd(self.drawn) * draw if self.log_bonds is None else self.log_bonds)
+        return scale_bonds(scene, find_bond_log_sd(self.drawn) * draw if self.log_bonds is None else self.log_bonds)
 
     def build_scene_signals(self, result: Result) -> Callable[[Floats], Floats]:
         """Build the signals on the scene's tissue, as a function of time, from the evaluated result of ``as_built``."""
@@ -184,7 +189,7 @@ class VirtualBench:
         probe, phase = self.scene.probe, np.exp(1j * (result.ratio_phase or 0.0))
         forces = np.array([result.stress_inner * probe.inner_area, result.stress_outer * probe.outer_area])
         load = complex(forces @ [phase, 1.0])
-        if reads_film_states(self.scene):
+        if self.scene.models_charges:
             if result.charge_inner is None or result.charge_outer is None:
                 raise Refusal("scene", result.evaluator, "one whose films' charges are computed")
             forces = np.array([result.charge_inner, result.charge_outer]) / compute_charge_units(self.drawn)
@@ -211,10 +216,10 @@ class VirtualBench:
     def compute_film_readings(self, delivered: Sequence[Reference], loads: Sequence[float]) -> Floats:
         """Compute the forces on both films per load, N, on references with their true moduli, shape (references, 2).
 
-        Where readings are charges, these are the charges over the drawing's unit of charge per force.
+        Where films deliver charges, these are the charges over the drawing's unit of charge per force.
         """
         probe = express_by_outer_radius(self.as_built)
-        unit = compute_charge_units(self.drawn) if reads_film_states(self.scene) else 1.0
+        unit = compute_charge_units(self.drawn) if self.scene.models_charges else 1.0
         return np.array([_read_films(probe, item, load) for item, load in zip(delivered, loads, strict=True)]) / unit
 
     def _build_signals(self, forces: Floats | Complexes, load: float | complex, *run: int) -> Callable[[Floats], Floats]:

@@ -103,17 +103,23 @@ def test_gains_alone_are_off_by_what_they_leave_out(outcomes: list[Outcome]) -> 
     assert 0.005 < np.median(np.abs(by_blocks)) < 0.06
 
 
-@pytest.mark.parametrize("name", ["inner/stuck", "inner/pin-3mm", "outer/stuck", "outer/punch"])
-def test_pins_give_the_charges_of_an_independent_code(name: str) -> None:
+def read_pin(name: str) -> tuple[Reference, float]:
+    """Return a pin or ring on the probe between two tapes, and its charge per force by an independent code, C/N."""
     on, load = name.split("/")
-    case = read_cases()[f"{on}/two-tapes-0.4/{load}"]
-    probe_scene = build_scene(TAPES)
-    probe, block = probe_scene.probe, case["blocks"][0]
+    case, probe = read_cases()[f"{on}/two-tapes-0.4/{load}"], build_scene(TAPES).probe
+    block = case["blocks"][0]
     assert {"inner": probe.inner, "outer": probe.outer}[on].youngs_modulus == pytest.approx(1e6 * block["modulus"])
     inner, outer = case["pressed"] or (block["inside"], block["outside"])
     radii = {"inner_radius": 1e-3 * max(inner, 0.0), "outer_radius": 1e-3 * outer}
     reference = Reference.model_validate({"on": on, "contact": "stuck" if load == "stuck" else "frictionless"} | radii)
-    assert compute_pin_charge(probe_scene, reference) == pytest.approx(1e-12 * case["charge_per_force"][0], rel=1e-3)
+    return reference, 1e-12 * case["charge_per_force"][0]
+
+
+@pytest.mark.parametrize("name", ["inner/stuck", "inner/pin-3mm", "outer/stuck", "outer/punch"])
+def test_pins_give_the_charges_of_an_independent_code(name: str) -> None:
+    drawn = build_scene(TAPES)
+    reference, charge = read_pin(name)
+    assert compute_pin_charge(drawn, reference) == pytest.approx(charge, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -188,6 +194,27 @@ def test_a_virtual_probe_has_the_charges_of_its_own_tape(virtual: VirtualBench) 
     measured = measure_samples(sampled(virtual.build_scene_signals(result)), FILM_BENCH)
     expected = np.array(virtual.built.gains) @ np.array([result.charge_inner, result.charge_outer])
     np.testing.assert_allclose(measured.in_phase, np.abs(expected), rtol=0.06)  # parts of the amplifiers
+
+
+@pytest.mark.parametrize("name", ["inner/stuck", "outer/punch"])
+def test_films_deliver_charges_even_where_stresses_are_read(name: str) -> None:
+    """Those of an independent code, some six times d33 times the force: what gains leave out shows in the readings."""
+    drawn = build_scene(TAPES).replace({"reading.observable": "stress"})
+    reference, charge = read_pin(name)
+    readings = VirtualBench(drawn, drawn, BENCH, log_bonds=0.0).compute_film_readings([reference], [1e-3])
+    expected = {"inner": (charge, 0.0), "outer": (0.0, charge)}[reference.on]
+    np.testing.assert_allclose(readings[0] * drawn.probe.film.d33, expected, rtol=1e-3)  # type: ignore[union-attr]
+
+
+def test_gains_of_films_on_tape_are_refused_beside_a_force_channel(virtual: VirtualBench) -> None:
+    """A user who reads stresses of films on tape, which give several times d33 times their force, is told what to do."""
+    drawn = virtual.drawn.replace({"reading.observable": "stress"})
+    samples = [sampled(signals) for signals in VirtualBench(drawn, drawn, FILM_BENCH).build_reference_signals(LOAD)]
+    predictions = predict_blocks(drawn, FILM_BENCH.reference, variables=())
+    with pytest.raises(
+        InputError, match=r"of the force channel on both films.*name their bonds in .probe.film., and read charges"
+    ):
+        calibrate(drawn, FILM_BENCH, samples, predictions)
 
 
 def test_what_is_calibrated_is_what_was_built(virtual: VirtualBench, calibration: Calibration) -> None:
