@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from geometry.scenes.scene import Scene
-from solver.linalg.workspace import keep_result
+from solver.linalg.workspace import get_workspace, keep_result
 from solver.planning.loads import LoadRule
 from solver.results.load_limits import (
     GAP_OPEN,
@@ -41,6 +41,7 @@ def build_load_rule(scene: Scene) -> LoadRule:
     """
     from solver.planning.coarse_model import remove_tumours
 
+    get_workspace().begin()  # of earlier probes' models, those beyond its limit may go: not every evaluator begins by itself
     return _solve_coarse_model(remove_tumours(scene)).build_rule(scene)
 
 

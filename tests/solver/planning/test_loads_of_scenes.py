@@ -12,6 +12,7 @@ from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
 from solver import evaluate, plan
 from solver.contact.evaluator import ContactEvaluator
+from solver.linalg.workspace import Workspace, use_workspace
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.loads import (
     bound_closure_force,
@@ -165,3 +166,12 @@ def test_deep_or_small_inclusions_change_nothing_of_the_rule() -> None:
     assert compute_cover_factor(()) == compute_cover_factor((body.model_copy(update={"depth": 32e-3}),)) == 1.0
     close, nearer = (compute_cover_factor((body.model_copy(update={"depth": 4e-3 + cover}),)) for cover in (2e-3, 1e-3))
     assert 1.0 < close < nearer < compute_cover_factor((body, body.model_copy(update={"depth": 4.1e-3})))
+
+
+def test_a_series_without_meshes_stays_within_the_workspace() -> None:
+    """The load's check keeps a mesh of each probe, also beside an evaluator that has none: earlier ones go at the limit."""
+    limit = 20e6
+    with use_workspace(Workspace(limit)) as workspace:
+        for k in range(20):
+            evaluate(SCENE.replace({"probe.inner_radius": SCENE.probe.inner_radius * (1 + 1e-3 * k)}), evaluator="closed-form")
+        assert 0.25 * limit < workspace.bytes_held < 1.5 * limit
