@@ -134,6 +134,14 @@ def build_signals(
     return compute_volts
 
 
+def read_delivered(scene: Scene) -> Scene:
+    """Return a scene whose readings are what its films deliver: charges, even where stresses are to be read.
+
+    Only films without a stack, or by eq. (12), deliver multiples of forces.
+    """
+    return scene.replace({"reading.observable": "charge"}) if scene.models_charges else scene
+
+
 def draw_delivered(reference: Reference, random: np.random.Generator) -> Reference:
     """Draw a reference block's true modulus from its tolerance."""
     if reference.youngs_modulus is None:
@@ -171,14 +179,10 @@ class VirtualBench:
 
     @cached_property
     def as_built(self) -> Scene:
-        """The scene with the probe as built, the modulus of its films' bonds drawn from their spread.
-
-        Its readings are charges, which is what films deliver, even where the drawing reads stresses; only films without a stack,
-        or by eq. (12), deliver multiples of forces.
-        """
-        if not self.scene.models_charges:
-            return self.scene
-        scene = self.scene.replace({"reading.observable": "charge"})
+        """The scene with the probe as built, the modulus of its films' bonds drawn from their spread; see ``read_delivered``."""
+        scene = read_delivered(self.scene)
+        if not scene.models_charges:
+            return scene
         draw = float(np.random.default_rng([self.seed, BOND_STREAM]).standard_normal())
         return scale_bonds(scene, find_bond_log_sd(self.drawn) * draw if self.log_bonds is None else self.log_bonds)
 

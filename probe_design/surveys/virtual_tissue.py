@@ -13,7 +13,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Inclusion, Load
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.reference_charges import compute_charge_units
-from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
+from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals, read_delivered
 from probe_design.locating.prior import TumourPrior
 from probe_design.populations.film_totals import stack_totals
 from probe_design.populations.tables import NoiseModel
@@ -71,7 +71,7 @@ class VirtualTissue:
         forces: Sequence[float | None] = (None,),
     ) -> VirtualTissue:  # fmt: skip
         """Solve the probe on the tissue without tumours under each of ``forces``, N; None is the scene's load."""
-        free = scene.model_copy(update={"inclusion": ()})
+        free = read_delivered(scene.model_copy(update={"inclusion": ()}))
         loaded = {force: free if force is None else free.model_copy(update={"load": Load(force=force)}) for force in forces}
         samplers = {force: choose_sampler(part) for force, part in loaded.items()}
         return cls(samplers, tumours, poisson_ratio, bench, noise, seed)

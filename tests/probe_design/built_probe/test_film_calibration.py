@@ -30,6 +30,8 @@ from probe_design.built_probe.reference_charges import (
 )
 from probe_design.built_probe.virtual_probe import VirtualBench, find_pressing_load
 from probe_design.commands.hardware_sources import HardwareSetup
+from probe_design.populations.tables import NoiseModel
+from probe_design.surveys.virtual_tissue import VirtualTissue
 from solver.results.film_charges import reads_film_states
 from tests.support.film_scenes import build_scene, read_cases
 from tests.support.hw.benches import BENCH, calibrate, check, sampled, scene
@@ -204,6 +206,16 @@ def test_films_deliver_charges_even_where_stresses_are_read(name: str) -> None:
     readings = VirtualBench(drawn, drawn, BENCH, log_bonds=0.0).compute_film_readings([reference], [1e-3])
     expected = {"inner": (charge, 0.0), "outer": (0.0, charge)}[reference.on]
     np.testing.assert_allclose(readings[0] * drawn.probe.film.d33, expected, rtol=1e-3)  # type: ignore[union-attr]
+
+
+def test_a_survey_s_signals_do_not_depend_on_what_is_read(virtual: VirtualBench) -> None:
+    """What films deliver is a law of physics, the reading is the reader's choice."""
+    times, signals = np.linspace(0.0, 1.0, 50), []
+    for observable in ("charge", "stress"):
+        scene = virtual.drawn.replace({"reading.observable": observable})
+        tissue = VirtualTissue.from_scene(scene, np.zeros((0, 5)), 0.45, bench=BENCH, noise=NoiseModel(), seed=1)
+        signals.append(tissue.build_press(0, (0.0, 0.0), blank=True)(times))
+    np.testing.assert_array_equal(*signals)
 
 
 def test_gains_of_films_on_tape_are_refused_beside_a_force_channel(virtual: VirtualBench) -> None:
