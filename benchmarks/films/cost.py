@@ -12,7 +12,7 @@ force: the same scene without film charges. ``contact`` takes a third of the rep
 and the largest quotient of each accuracy. A time is the shorter of two, after an evaluation that builds tables. N = 50
 takes two minutes of processor.
 
-Duration: six minutes of processor.
+Duration: ten minutes of processor.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def main() -> None:
     """Print a table with a row for each evaluator and accuracy."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--evaluator", choices=sorted({name for name, _ in SETTINGS}))
-    parser.add_argument("--repeats", type=int, default=20)
+    parser.add_argument("--repeats", type=int, default=100)
     parser.add_argument("--random", type=int, default=0, metavar="N", help="evaluate N random probes instead")
     parser.add_argument("--seed", type=int, default=1, help="of the random probes")
     options = parser.parse_args()
