@@ -102,15 +102,15 @@ def compute_values(scene: Scene, state: LoadedCharges, correction: Floats, sensi
 def press(scene: Scene, forces: tuple[float, ...], mesh: tuple[ContactSetting, int], truth: LoadedCharges) -> list[Floats]:
     """Return ``KEPT_VALUES`` at those of the forces that one mesh reaches."""
     start, problem, rows = time.process_time(), PressedFilms(scene, *mesh), list[Floats]()
-    rest = problem.measure_at_rest()
-    factors, stiffer = truth.charges / rest.charges, float(truth.forces.sum() / rest.forces.sum())
+    unloaded = problem.measure_at_rest()
+    factors, stiffer = truth.charges / unloaded.charges, float(truth.forces.sum() / unloaded.forces.sum())
     try:
         for force in forces:
             problem.press_to_force(force / stiffer, STEP)
             state = problem.measure()
             if scene.contact.interface == "frictionless":
                 state = replace(state, log_sensitivity=problem.compute_difference(force / stiffer, STEP))
-            rows.append(compute_values(scene, state, factors, truth.log_sensitivity / rest.log_sensitivity))
+            rows.append(compute_values(scene, state, factors, truth.log_sensitivity / unloaded.log_sensitivity))
             print(mesh, force, rows[-1].tolist(), f"{time.process_time() - start:.0f} s", file=sys.stderr, flush=True)
     except ArithmeticError as fault:
         print(mesh, fault, file=sys.stderr, flush=True)

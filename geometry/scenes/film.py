@@ -27,6 +27,7 @@ from geometry.scenes.quantities import (
     build_optional_field,
 )
 
+MIN_GLUE_MODULUS = 1e8  # Pa: bonds between tape and glue, of which none are known, count as tape
 ADHESIVE_KEYS = ("adhesive_thickness", "adhesive_modulus")  # of versions before 0.3: they are read as ``bond_to_base``
 ADHESIVE_WARNING = (
     "[probe.film] adhesive_thickness and adhesive_modulus are read as [probe.film.bond_to_base] with a Poisson's ratio of 0.3; "
@@ -79,6 +80,11 @@ class Bond(Frozen):
     def is_rigid(self) -> bool:
         """Whether the bond has no thickness."""
         return self.thickness == 0
+
+    @property
+    def is_glue(self) -> bool:
+        """Whether the bond is stiffer than any tape, but not rigid."""
+        return not self.is_rigid and (self.youngs_modulus or 0.0) >= MIN_GLUE_MODULUS
 
 
 RIGID_BOND = Bond(thickness=0.0)

@@ -10,7 +10,6 @@ from geometry.scenes.scene import Scene
 
 # of the inner radius: a film whose shear length is longer floats, and a charge's error at its corners is small
 MIN_FLOATING_SHARE = 0.4
-MIN_GLUE_MODULUS = 1e8  # Pa: bonds between tape and glue, of which none are known, count as tape
 MAX_THIN_BOND_M = 7.5e-5  # m: thicker ones need more cells at the walls
 MAX_OTHER_LAYERS = 2  # at other corners below order 6: a third changes forces by 1e-5, a charge's error is bounded by some 1e-4
 WALL_RATIO = 0.22  # of strips and layers: after two of them cells at a wall are about as wide as rows are high
@@ -69,7 +68,7 @@ def _choose(scene: Scene, fineness: MeridianFineness) -> StackFineness | None:
         return StackFineness(fineness.layers + 1, (rows, rows, rows), 2, WALL_RATIO)
     films = scene.probe.film.by_block
     bonds = [bond for film in films for bond in film.bonds]
-    glue = [not bond.is_rigid and (bond.youngs_modulus or 0.0) >= MIN_GLUE_MODULUS for bond in bonds]
+    glue = [bond.is_glue for bond in bonds]
     thin = all(bond.thickness <= MAX_THIN_BOND_M for bond in bonds)
     floats = all(film.shear_length >= MIN_FLOATING_SHARE * scene.probe.inner_radius for film in films)
     is_glued = all(glue) and thin  # on both sides alike, which clamps neither
